@@ -10,12 +10,13 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks import law_grip, law_others, law_response
+from benchmarks import law_grip, law_others, law_response, law_slow
 from benchmarks.choices import WrongOption, chosen
 from benchmarks.law_car import CARS, DWELLS, FLICKS, PLANTS, LawCar, configured, prepare
 from benchmarks.law_figures import Figure, header, lines
 from benchmarks.law_others import random_figures, third_party
 from benchmarks.law_response import BEFORE_S, GUST_N, GUST_S, STRAIGHT_SPEEDS_KM_H
+from benchmarks.law_slow import ACCELERATION, CIRCLE_KM_H, LAST_KM_H, OVERHANG_M, REVERSE_KM_H
 from benchmarks.tables import CountReport
 from codegen.errors import ConfigError
 from codegen.files import reason_of
@@ -30,7 +31,7 @@ COUNT, QUICK_COUNT = 40, 4
 """Random cars by default."""
 
 CarRows = Callable[[LawCar, str], Any]
-OF_CARS: Mapping[int, CarRows] = {**law_response.ROWS, **law_grip.ROWS, **law_others.ROWS}
+OF_CARS: Mapping[int, CarRows] = {**law_response.ROWS, **law_grip.ROWS, **law_others.ROWS, **law_slow.ROWS}
 """Number of a row -> function of a car and a plant that yields its figures."""
 RANDOM, THIRD_PARTY = 1, 3
 """Numbers of the rows of the random cars and of the third party's car."""
@@ -171,4 +172,8 @@ def _notes(straight: float) -> tuple[str, ...]:
         "Row 12: requirements of `better`, the passive car on the same plant. Row 13: as `cortex-m`, for the first car.",
         "Row 14: the steps of row 5; 3 s after it the road banks within 1 s, which lowers the measured lateral acceleration. "
         "Largest change of the yaw rate against the level road, from then on.",
+        f"Row 15: the wheel is held. The circle is driven at {CIRCLE_KM_H:g} km/h, its curvature compared with that of the "
+        "passive car, times the ratio of both without slip. The car accelerates with "
+        f"{ACCELERATION:g} m/s^2 from {REVERSE_KM_H:g} or 0 to {LAST_KM_H:g} km/h. The rear corner is {OVERHANG_M:g} m behind "
+        "the axle, with the wheels at their stop.",
     )

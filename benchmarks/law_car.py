@@ -91,6 +91,7 @@ class Drives:
         speed, front_angle: (n,) m/s and rad.
         moment: function of time that returns a yaw moment from outside in N m.
         moment_arm: m ahead of the centre of gravity, where a side force causes that moment; infinite for none.
+        speed_course: function of time that returns a factor of the speed.
     """
 
     title: str
@@ -101,6 +102,7 @@ class Drives:
     front_angle: FloatArray
     moment: Callable[[FloatArray], FloatArray] | None = None
     moment_arm: float = math.inf
+    speed_course: Callable[[FloatArray], FloatArray] | None = None
 
     @classmethod
     def straight(cls, duration: float, speeds_km_h: Sequence[float], **more: Any) -> Drives:
@@ -229,6 +231,8 @@ class LawCar:
         profile = bench.profile(config.steering.ratio * drives.course(bench.time(drives.duration)), drives.duration)
         if drives.moment is not None:
             profile[:, INPUT_COLUMNS.index("yaw_moment")] = drives.moment(bench.time(drives.duration))
+        if drives.speed_course is not None:
+            profile[:, INPUT_COLUMNS.index("speed")] = drives.speed_course(bench.time(drives.duration))
         samples = profile.shape[0] // software.steps_per_sample
 
         def each_run(value: Callable[[Setting], float | None]) -> FloatArray:

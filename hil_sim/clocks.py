@@ -62,13 +62,16 @@ class Clocks:
         )
         found: list[tuple[float, ...]] = [()] * cycles
         ticks = Clocks(self.drift_ppm).sending_times(cycles, period)
+        end = ticks[-1] + period / (1.0 + 1e-6 * self.drift_ppm)  # of a car that is ahead of the ECU
         for cycle, start in zip(np.searchsorted(sent, starts, side="right") - 1, starts, strict=True):
-            if cycle >= 0:
+            if cycle >= 0 and start <= end:
                 found[cycle] += (float(start - ticks[cycle]),)
         return found
 
 
 IN_STEP = Clocks()
 """One clock."""
+HALF_RATE = Clocks(drift_ppm=1e6)
+"""A task that the ECU calls at half the rate of the car's messages."""
 FREE_RUNNING = Clocks(drift_ppm=100.0, jitter_ms=0.7)
 """Two quartz oscillators of 50 ppm each, the usual tolerance, and the jitter of a task and of a bus that others share."""

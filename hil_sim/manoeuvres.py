@@ -172,15 +172,17 @@ def sine_sweep(start: float, end: float) -> Manoeuvre:
 
 
 def speed_ramp(times: tuple[float, float, float, float]) -> Manoeuvre:
-    """Return a speed ramp from half the disable speed to twice the enable speed and back, with the steering wheel held.
+    """Return a speed ramp from half the speed at which feedback ends to twice that from which it is whole and back, with the
+    steering wheel held.
 
     Args:
         times: s at which the speed begins to rise, stays, begins to fall, stays.
     """
 
     def drive(config: Config, settings: Settings, time: FloatArray) -> Columns:
-        low = 0.5 * config.controller.disable_speed_km_h * KM_H
-        high = 2.0 * config.controller.enable_speed_km_h * KM_H if settings.speed_km_h is None else settings.speed
+        ends, whole = config.controller.feedback_speeds_km_h
+        low = 0.5 * ends * KM_H
+        high = 2.0 * whole * KM_H if settings.speed_km_h is None else settings.speed
         # Turned in within the first half second; the plant limits the rate.
         angle = _given_angle(settings, lambda: 0.0)
         return {

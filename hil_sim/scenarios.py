@@ -212,8 +212,8 @@ SCENARIOS: Mapping[str, Scenario] = {
         Scenario(
             name="speed-ramp",
             subject="Speed ramp",
-            what="speed up through the enable speed and down through the disable speed, steering held",
-            source="the controller's thresholds: controller.enable_speed_km_h and disable_speed_km_h",
+            what="speed up through the speeds at which feedback begins, and down again, steering held",
+            source="controller.slow_speed_km_h; for kind pi controller.enable_speed_km_h and disable_speed_km_h",
             duration=20.0,
             steer_time=0.5,
             kind="speed-ramp",

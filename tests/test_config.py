@@ -172,8 +172,12 @@ def test_an_invalid_value_is_rejected(key: str, value: object, words: str) -> No
             "vehicle.top_speed_km_h is 401; controller.inputs.speed_max_km_h (15 and 400 km/h)",
         ),
         (
-            "[vehicle]\ntop_speed_km_h = 20.0\n[controller]\nenable_speed_km_h = 20.0",
+            '[vehicle]\ntop_speed_km_h = 20.0\n[controller]\nkind = "pi"\nenable_speed_km_h = 20.0',
             "top_speed_km_h controller.enable_speed_km_h",
+        ),
+        (
+            "[vehicle]\ntop_speed_km_h = 20.0\n[controller]\nslow_speed_km_h = 10.0",
+            "top_speed_km_h twice controller.slow_speed_km_h",
         ),
         (
             "[tuning]\nactuator_lag_factor = [1.0]\nactuator_lag_s = [0.05]\n",

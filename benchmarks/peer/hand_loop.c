@@ -56,6 +56,12 @@ static inline double tyre_force(double stiffness_factor, double slip, double loa
     return -friction * load * shape;
 }
 
+/* Slip angle of a tyre that rolls at speed (m/s), in either direction. */
+static inline double slip_angle(double speed, double lateral_speed, double angle)
+{
+    return atan(lateral_speed / at_least(fabs(speed), wheel_speed_min)) - (clamp(speed / wheel_speed_min, 1.0) * angle);
+}
+
 /* Both tyres of an axle that moves sideways at lateral_speed (m/s) and is steered by angle (rad). */
 static inline axle_forces_t axle_forces(
     double stiffness, double static_load, double load_moved, double lateral_speed, double angle, const hand_state_t *state,
@@ -64,8 +70,8 @@ static inline axle_forces_t axle_forces(
     const double stiffness_factor = stiffness / (shape_factor * nominal_friction * static_load);
     const double from_yaw = 0.5 * track * state->yaw_rate;
     const double moved = clamp(load_moved, static_load);
-    const double slip_left = atan(lateral_speed / at_least(input->speed - from_yaw, wheel_speed_min)) - angle;
-    const double slip_right = atan(lateral_speed / at_least(input->speed + from_yaw, wheel_speed_min)) - angle;
+    const double slip_left = slip_angle(input->speed - from_yaw, lateral_speed, angle);
+    const double slip_right = slip_angle(input->speed + from_yaw, lateral_speed, angle);
     const double left = tyre_force(stiffness_factor, slip_left, static_load - moved, input->friction);
     const double right = tyre_force(stiffness_factor, slip_right, static_load + moved, input->friction);
     const axle_forces_t forces = { left + right, left - right };
@@ -162,7 +168,7 @@ static ars_command_t control(ars_controller_t *controller, const hand_state_t *s
 static void record_sample(
     const hand_state_t *state, const hand_input_t *input, const ars_command_t *command, double time, hand_record_t *record)
 {
-    const double forward = at_least(input->speed, wheel_speed_min);
+    const double forward = at_least(fabs(input->speed), wheel_speed_min);
     const double front_angle = state->steering_wheel_angle / steering_ratio;
 
     (void)derivative(state, input, 0.0, &record->lateral_acceleration);
@@ -174,8 +180,8 @@ static void record_sample(
     record->sideslip_angle = atan(state->lateral_speed / forward);
     record->rear_angle_command = (double)command->rear_angle;
     record->rear_angle = state->rear_angle;
-    record->slip_front = atan((state->lateral_speed + (front_arm * state->yaw_rate)) / forward) - front_angle;
-    record->slip_rear = atan((state->lateral_speed - (rear_arm * state->yaw_rate)) / forward) - state->rear_angle;
+    record->slip_front = slip_angle(input->speed, state->lateral_speed + (front_arm * state->yaw_rate), front_angle);
+    record->slip_rear = slip_angle(input->speed, state->lateral_speed - (rear_arm * state->yaw_rate), state->rear_angle);
     record->status = (double)command->status;
 }
 

@@ -266,10 +266,12 @@ class Config(Section):
                 "it must not exceed that share of rear_actuator.lag_s"
             )
         top = self.vehicle.top_speed_km_h
-        if top is not None and not self.controller.enable_speed_km_h < top <= inputs.speed_max_km_h:
+        controller = self.controller
+        if top is not None and not controller.feedback_speeds_km_h[1] < top <= inputs.speed_max_km_h:
+            least = "controller.enable_speed_km_h" if controller.waits_for_speed else "twice controller.slow_speed_km_h"
             raise ValueError(
-                f"vehicle.top_speed_km_h is {top:g}; it must be above controller.enable_speed_km_h and not above "
-                f"controller.inputs.speed_max_km_h ({self.controller.enable_speed_km_h:g} and {inputs.speed_max_km_h:g} km/h)"
+                f"vehicle.top_speed_km_h is {top:g}; it must be above {least} and not above "
+                f"controller.inputs.speed_max_km_h ({controller.feedback_speeds_km_h[1]:g} and {inputs.speed_max_km_h:g} km/h)"
             )
         if inputs.friction_max < self.road.friction:
             raise ValueError("controller.inputs.friction_max must not be below road.friction")

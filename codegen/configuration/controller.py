@@ -397,12 +397,28 @@ class Controller(Section):
     ] = 2.0
     friction_min: Annotated[float, Range(0.02, 0.5), Meaning("lower friction estimates are raised to this value")] = 0.1
     enable_speed_km_h: Annotated[
-        float, Range(0.5, 100.0, "km/h"), Meaning("control starts at this speed; reverse is always standby")
+        float, Range(0.5, 100.0, "km/h"), Meaning("kind `pi`: control starts at this speed; reverse is always standby")
     ] = 15.0
-    disable_speed_km_h: Annotated[float, Range(0.1, 100.0, "km/h"), Meaning("control ends below this speed")] = 12.0
+    disable_speed_km_h: Annotated[float, Range(0.1, 100.0, "km/h"), Meaning("kind `pi`: control ends below this speed")] = 12.0
     standby_rate_deg_s: Annotated[
-        float, Range(0.2, 100.0, "deg/s"), Meaning("rate at which the rear wheels return to zero in standby")
+        float, Range(0.2, 100.0, "deg/s"), Meaning("kind `pi`: rate at which the rear wheels return to zero in standby")
     ] = 5.0
+    # Left out of files that do not set them, so that existing maps and builds do not change.
+    slow_speed_km_h: Annotated[
+        float,
+        Range(2.0, 50.0, "km/h"),
+        Meaning("other kinds: no feedback up to this speed and in reverse; whole from twice this speed on"),
+    ] = Field(default=7.5, exclude_if=lambda speed: speed == 7.5)
+    fade_distance_m: Annotated[
+        float,
+        Range(0.5, 50.0, "m"),
+        Meaning("other kinds: least distance that a slow car drives while its rear wheels turn from straight to their limit"),
+    ] = Field(default=4.0, exclude_if=lambda distance: distance == 4.0)
+    inhibit_time_s: Annotated[
+        float,
+        Range(0.5, 300.0, "s"),
+        Meaning("Inhibit that is set for longer is one for good: the rear wheels return to zero, STANDBY"),
+    ] = Field(default=10.0, exclude_if=lambda time: time == 10.0)
     tracking: Tracking = Tracking()
     inputs: Inputs = Inputs()
     fail_safe: FailSafe = FailSafe()
@@ -418,6 +434,18 @@ class Controller(Section):
                 f"at most {DEGRADED_TIME_MAX_S:g} s"
             )
         return self
+
+    @property
+    def waits_for_speed(self) -> bool:
+        """Whether control is off at low speed and in reverse, as in the paper; the other kinds run from standstill."""
+        return self.kind == "pi"
+
+    @property
+    def feedback_speeds_km_h(self) -> tuple[float, float]:
+        """Speeds at which feedback ends, and from which it is whole, in km/h."""
+        if self.waits_for_speed:
+            return self.disable_speed_km_h, self.enable_speed_km_h
+        return self.slow_speed_km_h, 2.0 * self.slow_speed_km_h
 
 
 class Limiter(Section):

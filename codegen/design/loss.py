@@ -392,7 +392,7 @@ def _computed(reference_map: ReferenceMap, config: Config) -> LossOfFunction:
 def _rows(reference_map: ReferenceMap, config: Config) -> npt.NDArray[np.intp]:
     """Return the indices of the examined speeds. Where the controller stands by there is no function to lose."""
     speed = reference_map.speed
-    standby = config.controller.disable_speed_km_h * KM_H
+    standby = config.controller.feedback_speeds_km_h[0] * KM_H
     usable = np.flatnonzero(reference_map.feasible.any(axis=1) & (speed >= standby))
     if not usable.size:
         return usable

@@ -219,7 +219,7 @@ def family_range_km_h(config: Config) -> tuple[float, float]:
 
 
 def _range(config: Config, last: float) -> tuple[float, float]:
-    first = config.controller.enable_speed_km_h
+    _, first = config.controller.feedback_speeds_km_h
     return first, max(last, 1.2 * first)
 
 

@@ -35,6 +35,9 @@ Progress = Callable[[int, int], None]
 STEP_BEYOND = 1.25
 """Largest ratio of neighbouring breakpoints beyond those of `tuning.speed_km_h`."""
 
+FADED_TO = 0.8
+"""Share of the speed of whole feedback down to which the first gains are checked: below, little of the feedback is left."""
+
 BETWEEN = 3
 """Number of speeds checked inside each interval of the schedule, including the middle, where interpolated gains differ most
 from a design, and below its first breakpoint."""
@@ -121,7 +124,7 @@ def breakpoints(config: Config) -> list[Breakpoint]:
     top, listed = config.top_speed_km_h, config.tuning.speed_km_h
     last = min(config.grid.last_speed_km_h, top)
     inside = [speed for speed in listed if speed < 0.999 * last]  # no two points within rounding
-    inside = [*inside, *_up_to(last, listed[-1])] if inside else [config.controller.disable_speed_km_h]
+    inside = [*inside, *_up_to(last, listed[-1])] if inside else [FADED_TO * config.controller.feedback_speeds_km_h[1]]
     points = [Breakpoint(speed, False) for speed in dict.fromkeys((*inside, last))]
     points += [Breakpoint(speed, True) for speed in _up_to(top, last)]
     if len(points) > SCHEDULE_POINTS_MAX:
@@ -178,7 +181,7 @@ class _Designer:
 
     def at(self, place: int) -> Cars:
         """Return the cars that count at a breakpoint; for the first, those below it too."""
-        point, lowest = self.points[place], self.config.controller.disable_speed_km_h
+        point, lowest = self.points[place], FADED_TO * self.config.controller.feedback_speeds_km_h[1]
         speeds: tuple[float, ...] = (point.speed_km_h,)
         if place == 0 and lowest < point.speed_km_h:
             below = np.geomspace(lowest, point.speed_km_h, BETWEEN + 1)[:-1]

@@ -2,7 +2,8 @@
 
 Rules, with G(vx) the steady yaw gain of the passive car and ay_cap the largest lateral acceleration that the constraints allow:
 
-- zero at zero speed and at zero angle, linear up to the first breakpoints;
+- for a controller that runs from standstill, a solved map is solved down to walking speed (`from_walking_speed`);
+- zero yaw rate at zero speed and zero angle, linear up to the first breakpoints; below the first speed, the rear angle of that;
 - beyond an edge that grip sets (slip angles, lateral acceleration): hold the edge's yaw rate, ay_cap / vx with linear tyres;
 - beyond an edge that sideslip and the rear angle set, and beyond the last front angle: r_edge + G (delta_f - delta_edge);
 - a map that bends towards its cap (`optimum.demand`: nonlinear tyre with `limits.grip_use_max`) ends at no edge that grip sets:
@@ -36,7 +37,7 @@ from codegen.errors import MapError
 from codegen.map_file.longitudinal import axle_shares
 from codegen.map_file.map import ReferenceMap
 from codegen.map_file.tables import ACCELERATION
-from codegen.optimum.solve import layer_configs
+from codegen.optimum.solve import from_walking_speed, layer_configs
 from codegen.optimum.turns import Edge, SteadyTurns, turns_behind
 from codegen.vehicle.single_track import SingleTrack
 
@@ -64,7 +65,11 @@ def extend(reference_map: ReferenceMap, config: Config, front_angle_stop: float 
     Raises:
         MapError: no cell is feasible, the car of the configuration is unstable at a speed of the map.
     """
-    config = reference_map.config or config
+    slower = reference_map if config.controller.waits_for_speed else from_walking_speed(reference_map)
+    return _extended(slower, reference_map.config or config, front_angle_stop)
+
+
+def _extended(reference_map: ReferenceMap, config: Config, front_angle_stop: float | None) -> TotalMap:
     if not reference_map.feasible.any():
         raise MapError("no cell is feasible", where="feasible", remedy="relax the limits or check the vehicle data")
     speed, front_angle = reference_map.speed, reference_map.front_angle
@@ -82,7 +87,7 @@ def extend(reference_map: ReferenceMap, config: Config, front_angle_stop: float 
         speed=zeros.speed,
         front_angle=zeros.front_angle,
         yaw_rate=zeros.table(filled.yaw_rate),
-        rear_angle=zeros.table(np.clip(filled.rear_angle, -steering.rear_angle_max, steering.rear_angle_max)),
+        rear_angle=zeros.held(np.clip(filled.rear_angle, -steering.rear_angle_max, steering.rear_angle_max)),
         rule=zeros.rule(filled.rule),
         lateral_acceleration_cap=_lateral_acceleration_cap(reference_map, turns, edges),
         friction=config.road.friction,
@@ -93,7 +98,7 @@ def extend(reference_map: ReferenceMap, config: Config, front_angle_stop: float 
 
 def _layers(reference_map: ReferenceMap, config: Config, stop: float) -> Iterator[TotalMap]:
     for layer, car in zip(reference_map.layers, layer_configs(reference_map, config), strict=True):
-        total = extend(layer.map, car, stop)
+        total = _extended(layer.map, car, stop)
         if layer.quantity is ACCELERATION:
             total = replace(total, acceleration=layer.value, axle_shares=axle_shares(config, layer.value))
         yield total
@@ -268,6 +273,12 @@ class _Zeros:
         """Return a table of numbers (n, m) with zeros."""
         result = np.pad(values, self._padding)
         result[0, :], result[:, 0] = 0.0, 0.0
+        return result
+
+    def held(self, values: FloatArray) -> FloatArray:
+        """Return a table of numbers (n, m) with zeros at the first angle, and the slowest speed's values at zero speed."""
+        result = self.table(values)
+        result[0, :] = result[1, :]
         return result
 
     def rule(self, letters: npt.NDArray[np.str_]) -> npt.NDArray[np.str_]:

@@ -109,7 +109,7 @@ def grip_surfaces(
         speed=np.concatenate([[0.0], speeds]),
         front_angle=angles,
         yaw_rate=np.pad(asked, ((1, 0), (0, 0))),
-        rear_angle=np.pad(rear_angle, ((1, 0), (0, 0))),
+        rear_angle=np.pad(rear_angle, ((1, 0), (0, 0)), mode="edge"),
         lateral_acceleration=np.pad(acceleration, ((1, 0), (0, 0)), mode="edge"),
         rear_slip=_rear_slip(turns.problem, speeds[:, np.newaxis], optimum),
     )

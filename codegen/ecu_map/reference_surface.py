@@ -6,7 +6,7 @@ alone, and the objective falls with |r|. The lookup applies ay_cap / speed by it
 grip bounds, continued, meets the kink between both exactly, wherever its cells lie. With the nonlinear tyre, the limit of grip
 is a surface too (`placement_grip`), with a table of its own; a map that bends towards its cap needs none. Where sideslip or the
 rear angle end it, and beyond the last angle of the map, it goes on with the passive car's gain, as in `extend`; below the first
-speed and angle it is linear to zero.
+speed and angle it is linear to zero, and the rear angle holds below the first speed.
 
 For any other map only its own table is known. The reference is then its bilinear interpolation, extended.
 """
@@ -33,7 +33,7 @@ from codegen.optimum import exact
 from codegen.optimum.demand import PASSIVE_TO, REFERENCE_FROM
 from codegen.optimum.nonlinear import NonlinearTurns
 from codegen.optimum.problem import SteadyTurnProblem
-from codegen.optimum.solve import stack_of
+from codegen.optimum.solve import from_walking_speed, stack_of
 from codegen.optimum.turns import Edge, LinearTurns, Solution, SteadyTurns, passively_feasible, turns_of
 
 Pair = tuple[FloatArray, FloatArray]
@@ -151,8 +151,9 @@ def reference_surface_of(reference_map: ReferenceMap, config: Config) -> Referen
     Raises:
         MapError: see `extend`.
     """
+    total = extend(reference_map, config, (reference_map.config or config).steering.front_angle_stop)
+    reference_map = reference_map if config.controller.waits_for_speed else from_walking_speed(reference_map)
     config = reference_map.config or config
-    total = extend(reference_map, config, config.steering.front_angle_stop)
     stack = zip(stack_of(reference_map, config), total.stack, strict=True)
     layers = tuple(optimum_of(of_layer, car, extended) for (_, of_layer, car), extended in stack)
     known = tuple(layer for layer in layers if layer is not None)
@@ -354,8 +355,9 @@ def extended(
         solved = optimum.yaw_rate + gain * np.maximum(angle - last_angle, 0.0)
         yaw_rate = np.where(optimum.feasible, solved, beyond)
         rear_angle = np.where(optimum.feasible, optimum.rear_angle, rear_at_edge)
-        share = np.minimum(v / first_speed, 1.0)[:, np.newaxis] * np.minimum(angle / first_angle, 1.0)
-        return _plausible(share * yaw_rate), share * np.clip(rear_angle, -rear_max, rear_max)
+        turned = np.minimum(angle / first_angle, 1.0)
+        yaw_rate = np.minimum(v / first_speed, 1.0)[:, np.newaxis] * turned * yaw_rate
+        return _plausible(yaw_rate), turned * np.clip(rear_angle, -rear_max, rear_max)
 
     return surface
 

@@ -317,13 +317,15 @@ def _placed(reference_map: ReferenceMap, config: Config, options: BuildOptions) 
 
 
 def check_inputs(reference_map: ReferenceMap, config: Config) -> None:
-    """Reject input ranges that exclude speeds or yaw rates of the map, and an enable speed above half of its last speed."""
+    """Reject input ranges that exclude speeds or yaw rates of the map, and feedback that begins above half of its speeds."""
     controller, inputs = config.controller, config.controller.inputs
     fastest = reference_map.speed[-1] / KM_H
-    if controller.enable_speed_km_h > 0.5 * fastest:
+    _, whole = controller.feedback_speeds_km_h
+    if whole > 0.5 * fastest:
+        key, share = ("enable_speed_km_h", "half") if controller.waits_for_speed else ("slow_speed_km_h", "a quarter")
         raise BuildError(
-            f"{controller.enable_speed_km_h:g} km/h is more than half of the map's last speed, {fastest:.4g} km/h",
-            where="controller.enable_speed_km_h",
+            f"{getattr(controller, key):g} km/h is more than {share} of the map's last speed, {fastest:.4g} km/h",
+            where=f"controller.{key}",
             remedy="lower it, or solve the map to higher speeds",
         )
     if inputs.speed_max_km_h < fastest:
@@ -332,7 +334,7 @@ def check_inputs(reference_map: ReferenceMap, config: Config) -> None:
             where="controller.inputs.speed_max_km_h",
             remedy="raise it, or solve the map to lower speeds: larger values are treated as faults",
         )
-    asked = reference_map.feasible & (reference_map.speed >= controller.enable_speed_km_h * KM_H)[:, np.newaxis]
+    asked = reference_map.feasible & (reference_map.speed >= whole * KM_H)[:, np.newaxis]
     largest = math.degrees(np.where(asked, reference_map.yaw_rate, 0.0).max())
     if inputs.yaw_rate_max_deg_s < largest:
         raise BuildError(

@@ -14,7 +14,7 @@ from codegen.ecu_map.extend import TotalMap
 from codegen.ecu_map.lookup import Lookup
 from codegen.emit.dynamics_view import model_state
 from codegen.emit.inputs_view import inputs_parameters
-from codegen.emit.laws import REAR_ANGLE_MAX_RAD, SAMPLE_RANGES, YAW_RATE_ERROR_MAX_RAD_S, law_of
+from codegen.emit.laws import REAR_ANGLE_MAX_RAD, YAW_RATE_ERROR_MAX_RAD_S, law_of
 from codegen.emit.limiter_view import limiter_parameters
 from codegen.emit.parameters import (
     RATE_OFF,
@@ -55,11 +55,17 @@ INPUT_NUMBERS = (
 REWRITTEN = ("yaw_rate_reference",)
 """Real numbers in the state of the controller that a step writes before it reads them."""
 
-ACTUATOR_SAMPLES_MAX = 60_000
-"""Largest value of `actuator_samples_max`. The counter reaches one more and must not overflow."""
+TASK_SAMPLES_MAX = 60_000
+"""Largest value of `actuator_samples_max` and `inhibit_samples_max`. The counters reach one more and must not overflow."""
 
 REST_MIN = 0.01
 """Smallest denominator of the law "proportional", in m. That of a stable car exceeds the distance of its front axle."""
+
+STANDING_SPEED = 0.1
+"""m/s. Sensors of the speed have a resolution and noise below; a car that is slower counts as standing."""
+SLOW_RATE = math.radians(1.9)
+"""rad/s of the rear wheels of a slow car. A car that starts with turned wheels then changes its curvature in a second by less
+than a fifth with 10 deg at the front, and by less than a tenth with 25 deg."""
 
 SIDESLIP_RETURN, LEAD_LOSS, SIDESLIP_GAIN = 0.4, 3.0, 2.0
 """Of kind "tracking", in 1/s, - and 1/s. An offset of the acceleration of 0.1 m/s^2 at 100 km/h makes the observed sideslip
@@ -99,6 +105,8 @@ class ControllerView:
     period_text: str
     actuator_angle_max: str
     rest_min: str
+    standing_speed: str
+    slow_rate: str
     reference_overshoot: float
     estimate_factor: float
     sideslip_return: str
@@ -140,11 +148,40 @@ def _common_parameters(config: Config) -> tuple[Parameter, ...]:
             to_key=rate_key,
         ),
         configured(controller, "friction_min", "friction_min", "a lower estimate counts as this"),
-        configured(controller, "enable_speed", "enable_speed_km_h", "m/s, control starts from here", KM_H),
-        configured(controller, "disable_speed", "disable_speed_km_h", "m/s, standby below", KM_H),
-        configured(controller, "standby_rate", "standby_rate_deg_s", "rad/s, return to zero in standby", DEGREE),
+        *_speed_parameters(config),
         configured(controller.fail_safe, "fail_safe_rate", "rate_deg_s", "rad/s, return to zero in fail-safe", DEGREE),
         *_actuator_parameters(config),
+        Parameter(
+            "inhibit_samples_max",
+            max(round(controller.inhibit_time_s / controller.sampling_time_s), 1),
+            "consecutive samples with Inhibit, then it is set for good",
+            1,
+            TASK_SAMPLES_MAX,
+            key="controller.inhibit_time_s",
+            to_key=lambda samples: samples * controller.sampling_time_s,
+        ),
+    )
+
+
+def _speed_parameters(config: Config) -> Iterator[Parameter]:
+    """Yield the parameters of the lowest speeds: thresholds of a law that waits for them, else the fade to standstill."""
+    controller, angle_max = config.controller, config.rear_actuator.angle_max
+    if controller.waits_for_speed:
+        yield configured(controller, "enable_speed", "enable_speed_km_h", "m/s, control starts from here", KM_H)
+        yield configured(controller, "disable_speed", "disable_speed_km_h", "m/s, standby below", KM_H)
+        yield configured(controller, "standby_rate", "standby_rate_deg_s", "rad/s, return to zero in standby", DEGREE)
+        return
+    yield configured(
+        controller, "slow_speed", "slow_speed_km_h", "m/s, no feedback below and in reverse, whole from twice it on", KM_H
+    )
+    yield Parameter(
+        "fade_rate",
+        angle_max / controller.fade_distance_m,
+        "rad/m, largest change of the command for each metre below slow_speed",
+        1e-5,
+        3.0,
+        key="controller.fade_distance_m",
+        to_key=lambda rate: angle_max / rate,
     )
 
 
@@ -174,7 +211,7 @@ def _actuator_parameters(config: Config) -> Iterator[Parameter]:
         samples,
         "samples off, less others, then it is stuck",
         1,
-        ACTUATOR_SAMPLES_MAX,
+        TASK_SAMPLES_MAX,
         key="rear_actuator.stuck_time_s",
         to_key=lambda value: value * period,
     )
@@ -192,7 +229,7 @@ _STATE = (
     Field("real", "rear_angle", "rad, last command"),
     Field("real", "yaw_rate_reference", "rad/s, last reference"),
     Field("real", "yaw_rate_error", "rad/s, last reference minus measured yaw rate; 0 while control is off"),
-    Field("bool", "enabled", "speed above the enabling speed, with hysteresis: the law runs"),
+    Field("bool", "enabled", "the law runs"),
     Field("uint32_t", "initialised", "mark of an initialised state"),
 )
 
@@ -232,7 +269,7 @@ def controller_view(
         state=tuple(state),
         law_state=tuple(law_state),
         grip_state=_GRIP_STATE,
-        sample_ranges={name: (f"{low:g}", f"{high:g}") for name, (low, high) in SAMPLE_RANGES.items()},
+        sample_ranges={name: (f"{low:g}", f"{high:g}") for name, (low, high) in law.sample_ranges.items()},
         command_max=f"{REAR_ANGLE_MAX_RAD:g}",
         error_max=f"{YAW_RATE_ERROR_MAX_RAD_S:g}",
         numbers=tuple(numbers),
@@ -242,6 +279,8 @@ def controller_view(
         period_text=f"{period * 1e3:g} ms",
         actuator_angle_max=literal(config.rear_actuator.angle_max, precision),
         rest_min=literal(REST_MIN, precision),
+        standing_speed=literal(STANDING_SPEED, precision),
+        slow_rate=literal(SLOW_RATE, precision),
         reference_overshoot=REFERENCE_OVERSHOOT,
         estimate_factor=ESTIMATE_FACTOR,
         sideslip_return=literal(SIDESLIP_RETURN, precision),

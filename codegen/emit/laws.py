@@ -8,7 +8,7 @@ for every kind.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,7 +29,7 @@ from codegen.errors import BuildError
 from codegen.units import DEGREE, KM_H
 from codegen.vehicle.single_track import SingleTrack
 
-SAMPLE_RANGES = {"speed": (0.01, 200.0), "front_angle": (-1.5, 1.5), "yaw_rate": (-20.0, 20.0)}
+SAMPLE_RANGES = {"speed": (-200.0, 200.0), "front_angle": (-1.5, 1.5), "yaw_rate": (-20.0, 20.0)}
 """Ranges of the checked sample that the control law accepts, in SI units: the widest that valid parameters allow."""
 
 REAR_ANGLE_MAX_RAD = 1.0
@@ -52,6 +52,7 @@ class Law:
         uses_rear_angle: whether the law looks up the rear angle of the optimum.
         uses_reference_model: whether the law needs the units `<prefix>_reference_model` and `<prefix>_grip`.
         points: function that returns name and size of the arrays among the parameters.
+        waits_for_speed: whether the law runs only from a speed on; see `Controller.waits_for_speed`.
     """
 
     kind: str
@@ -63,6 +64,12 @@ class Law:
     uses_rear_angle: bool = False
     uses_reference_model: bool = False
     points: Callable[[Config, str], tuple[tuple[str, int], ...]] = lambda _config, _prefix: ()
+    waits_for_speed: bool = False
+
+    @property
+    def sample_ranges(self) -> Mapping[str, tuple[float, float]]:
+        """Ranges of the checked sample that the law accepts: a law that waits for a speed gets none in reverse."""
+        return {**SAMPLE_RANGES, "speed": (0.01, SAMPLE_RANGES["speed"][1])} if self.waits_for_speed else SAMPLE_RANGES
 
 
 def law_of(config: Config) -> Law:
@@ -346,6 +353,7 @@ LAWS = {
             parameters=_pi_parameters,
             state=(Field("real", "integral", "rad, part of the rear angle"),),
             gains=_pi_gains,
+            waits_for_speed=True,
         ),
         Law(
             kind="feedforward",

@@ -110,14 +110,14 @@ REQUIREMENTS = (
     ),
     Requirement(
         "ARS-CTL-7",
-        "The status follows from the quality of the sample and the speed; only a speed below enable_speed leads to standby.",
+        "The status follows from the quality of the sample; the first good one ends standby, of kind pi from enable_speed.",
         ("controller_step",),
         ("law",),
         ("sil/checks_supervision.py",),
     ),
     Requirement(
         "ARS-CTL-8",
-        "Without control the magnitude of the command does not grow; in standby and fail-safe it returns to zero.",
+        "Without control the command does not grow; it returns to zero in the fail-safe, and with kind pi in standby.",
         ("controller_step", "limiter_step"),
         ("law",),
         ("sil/checks_supervision.py",),
@@ -250,7 +250,8 @@ REQUIREMENTS = (
     ),
     Requirement(
         "ARS-SUP-5",
-        "The integrator is held while Inhibit is set, over single lost frames too, and while it is unknown.",
+        "The integrator is held while Inhibit is set, over single lost frames too, and while it is unknown; if it is set for"
+        " longer than inhibit_samples_max, the command returns to zero.",
         (),
         ("law",),
         ("sil/answers_task.py",),

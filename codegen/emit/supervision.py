@@ -20,6 +20,7 @@ class Reaction(enum.Enum):
     FOLLOW = "the command of the control law"
     PREDICT = "the command of the control law, which continues from the last sample"
     RAMP = "the command returns to zero at a limited rate"
+    REST = "the command returns to zero at a limited rate; before the first speed, it is held"
     NOT_AVAILABLE = 'no command ("not available"), the actuator holds its angle'
 
 
@@ -65,7 +66,7 @@ STATES: Mapping[State, StateRow] = {
     State.RESYNCHRONISE: StateRow(
         "after a silence, the rear angle is not yet measured again", Reaction.NOT_AVAILABLE, Status.FAIL_SAFE
     ),
-    State.STANDBY: StateRow("the controller is in standby", Reaction.RAMP, Status.STANDBY),
+    State.STANDBY: StateRow("without control", Reaction.REST, Status.STANDBY),
     State.INHIBITED: StateRow("the car inhibits the integrator", Reaction.FOLLOW, Status.TRACKING),
 }
 """Meaning, reaction and status of each state."""
@@ -113,7 +114,10 @@ CAUSES: Mapping[Cause, CauseRow] = {
         State.LOST,
         (*_FRAMES, "UNAVAILABLE", "FRONT_ANGLE_REPLACED", "YAW_RATE_REPLACED"),
     ),
-    Cause.STANDBY: CauseRow("the controller is in standby", State.STANDBY),
+    Cause.STANDBY: CauseRow(
+        "there was no speed yet, or the car has set Inhibit for good; with kind `pi`, also below its enabling speed",
+        State.STANDBY,
+    ),
     Cause.SAMPLE_MISSING: CauseRow(
         "a signal is missing, for a tolerated time so far", State.PREDICTED, (*_FRAMES, "UNAVAILABLE")
     ),

@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -19,9 +19,10 @@ import numpy.typing as npt
 from codegen.configuration import Config
 from codegen.errors import CodegenError, ConfigError, MapError
 from codegen.map_file import archive, tables
-from codegen.map_file.map import Layer, ReferenceMap, changed, make_meta, on_road, own_value
+from codegen.map_file.map import ATTRIBUTES, Layer, ReferenceMap, changed, make_meta, on_road, own_value
 from codegen.optimum.problem import breakpoints
-from codegen.optimum.turns import Solution, passively_feasible, turns_of
+from codegen.optimum.turns import Solution, passively_feasible, turns_behind, turns_of
+from codegen.units import KM_H
 
 Method = Literal["exact", "ipopt"]
 
@@ -79,6 +80,37 @@ def solve_case(
         case=case,
         meta=make_meta(config, case, turns.method if method == "exact" else method),
     )
+
+
+WALKING_SPEED = 3.0 * KM_H
+"""m/s. From here on the ECU's map is solved; slower cars keep the rear angle of this speed."""
+
+
+def from_walking_speed(reference_map: ReferenceMap) -> ReferenceMap:
+    """Return a solved map that begins at `WALKING_SPEED` or less than a cell above it, on the same front angles.
+
+    A map whose first speed is higher asks near the steering stop for what grip leaves there, in phase with the front wheels:
+    far from what a slow car needs. The added speeds have the distance of its first two. A bare table stays as it is.
+
+    Raises:
+        MapError: a steady turn is not found.
+    """
+    speed, turns = reference_map.speed, turns_behind(reference_map)
+    cells = np.diff(speed)
+    cell = cells.mean() if np.allclose(cells, cells[0]) else cells[0]  # an even axis stays even, to the last digit
+    step = min(float(cell), 0.5 * float(speed[0]))
+    count = math.floor((speed[0] - WALKING_SPEED) / step * (1.0 + 1e-9)) if step > 0.0 else 0
+    if turns is None or count < 1:
+        return reference_map
+    added = speed[0] - step * np.arange(count, 0, -1)
+    slow = turns.solve(added, reference_map.front_angle)
+    if reference_map.config and reference_map.case and reference_map.config.case(reference_map.case).passive_safe:
+        slow = _keep(slow, slow.feasible & passively_feasible(turns, added, reference_map.front_angle))
+    tables_: dict[str, Any] = {
+        name: np.concatenate([getattr(slow, name), getattr(reference_map, name)]) for name in ATTRIBUTES.values()
+    }
+    layers = tuple(replace(layer, map=from_walking_speed(layer.map)) for layer in reference_map.layers)
+    return replace(reference_map, speed=np.concatenate([added, speed]), layers=layers, **tables_)
 
 
 def _keep(solution: Solution, kept: npt.NDArray[np.bool_]) -> Solution:

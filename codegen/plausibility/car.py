@@ -84,7 +84,8 @@ def _beyond(value: float, limits: tuple[float, float]) -> str:
 
 def car_warnings(config: Config) -> tuple[str, ...]:
     """Return a warning for each implausible value and for each pair of keys that contradict each other."""
-    return (*_identified(config), *_vehicle(config), *_tyres(config), *_actuator(config), *_plant(config), *_controller(config))
+    of_the_car = (*_vehicle(config), *_tyres(config), *_actuator(config), *_plant(config))
+    return (*_identified(config), *of_the_car, *_other_kinds(config), *_controller(config))
 
 
 def _identified(config: Config) -> Iterator[str]:
@@ -189,6 +190,18 @@ def _plant(config: Config) -> Iterator[str]:
             f"tuning.delay_samples = {tuning.delay_samples} has no effect: it is below plant.command_delay_samples = "
             f"{plant.command_delay_samples}, which counts; remove it"
         )
+
+
+def _other_kinds(config: Config) -> Iterator[str]:
+    """Yield the keys of the lowest speeds that belong to another kind."""
+    controller = config.controller
+    of_kind = ("enable_speed_km_h", "disable_speed_km_h", "standby_rate_deg_s"), ("slow_speed_km_h", "fade_distance_m")
+    given = [key for key in of_kind[controller.waits_for_speed] if key in controller.model_fields_set]
+    changed = [key for key in given if getattr(controller, key) != type(controller).model_fields[key].default]
+    if changed:
+        names = ", ".join(f"controller.{key}" for key in changed)
+        replaced = "enable_speed_km_h" if controller.waits_for_speed else "slow_speed_km_h and fade_distance_m"
+        yield f'{names}: no effect with kind = "{controller.kind}", which has {replaced} instead; remove it'
 
 
 def _controller(config: Config) -> Iterator[str]:

@@ -263,7 +263,7 @@ class BatchSoftware:
         """Simulate all runs in this thread, with the interpreter lock released.
 
         Args:
-            profile: (samples * steps_per_sample, 7), columns INPUT_COLUMNS: the scenario that all runs share. Speed above zero.
+            profile: (samples * steps_per_sample, 7), columns INPUT_COLUMNS: the scenario that all runs share.
             lanes: values that differ between the runs.
             parameters: controller parameters from `parameters`; None uses the build's.
             columns: subset of RECORD_COLUMNS to compute and store.
@@ -272,7 +272,7 @@ class BatchSoftware:
             (columns, samples, n).
 
         Raises:
-            ValueError: an array of the wrong shape, a speed not above zero, a delay out of range, an unknown column.
+            ValueError: an array of the wrong shape, a speed that is no number, a delay out of range, an unknown column.
         """
         lib, ffi = self.software.compiled.lib, self.software.ffi
         profile, samples = self._checked_profile(profile)
@@ -304,8 +304,8 @@ class BatchSoftware:
         steps = self.steps_per_sample
         if profile.ndim != 2 or profile.shape[1] != len(INPUT_COLUMNS) or profile.shape[0] % steps:
             raise ValueError(f"a profile of shape {profile.shape}; needed: (k * {steps}, {len(INPUT_COLUMNS)}) for k samples")
-        if not (profile[:, _SPEED] > 0.0).all():
-            raise ValueError("the profile's speed must be above zero")
+        if not np.isfinite(profile[:, _SPEED]).all():
+            raise ValueError("the profile's speed must be finite")
         return profile, profile.shape[0] // steps
 
     def _own(self, profile: FloatArray, lanes: Lanes, samples: int) -> tuple[FloatArray, dict[str, npt.NDArray[Any]]]:

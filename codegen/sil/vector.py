@@ -28,6 +28,8 @@ _COMMON = (
     # Without these flags GCC merges sin(x) and cos(x) into sincos, which has no vector form.
     "-fno-builtin-sin",
     "-fno-builtin-cos",
+    # Without this flag GCC keeps branches around operations that could trap; results are the same.
+    "-fno-trapping-math",
     "-DBATCH_VECTOR_LIBRARY",
 )
 FLAGS: dict[Isa, tuple[str, ...]] = {

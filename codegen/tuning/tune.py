@@ -188,7 +188,7 @@ class _Drives:
         assert reference_map.case is not None  # a solved map has one
         axis, angles = breakpoints(config)
         speed: FloatArray = min(float(axis[-1]), config.top_speed_km_h * KM_H) * np.array(SPEED_SHARES)
-        speed = speed[speed >= max(float(axis[0]), config.controller.enable_speed_km_h * KM_H)]
+        speed = speed[speed >= max(float(axis[0]), config.controller.feedback_speeds_km_h[1] * KM_H)]
         edge = turns_of(config, config.case(reference_map.case)).edge(speed, float(angles[-1])).front_angle
         angle: FloatArray = np.outer(np.minimum(edge, angles[-1]), ANGLE_SHARES)
         lanes = Lanes(

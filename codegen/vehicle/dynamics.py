@@ -246,6 +246,19 @@ def plant_states(config: Config) -> tuple[str, ...]:
     return (*PLANT_STATES, *(state for part, states in _PARTS_STATES.items() if part in parts for state in states))
 
 
+def _size(speed: Any) -> Any:
+    """Return the rolling speed in m/s in either direction, at least WHEEL_SPEED_MIN."""
+    return ca.fmax(ca.fmax(speed, -speed), WHEEL_SPEED_MIN)
+
+
+def _rolling(speed: Any, lateral_speed: Any, angle: Any) -> tuple[Any, Any]:
+    """Return the rolling speed of a wheel and its slip angle.
+
+    In reverse the same steering angle slips to the other side; at standstill there is no slip.
+    """
+    return _size(speed), ca.atan(lateral_speed / _size(speed)) - clamp(speed / WHEEL_SPEED_MIN, 1.0) * angle
+
+
 def _two_track(car: PlantCar, states: tuple[str, ...]) -> tuple[Any, Any, Any, Any]:
     """x, u, x' and y of the plant."""
     chassis = car.chassis
@@ -279,11 +292,10 @@ def _two_track(car: PlantCar, states: tuple[str, ...]) -> tuple[Any, Any, Any, A
     for axle_tyre, arm, angle, load, axle_moved, length in axles:
         tyre, moved = keep_stiffness(chassis, axle_tyre, friction), clamp(axle_moved, load)
         axle_lateral_speed = lateral_speed + arm * yaw_rate
-        slips.append(ca.atan(axle_lateral_speed / ca.fmax(speed, WHEEL_SPEED_MIN)) - angle)
+        slips.append(_rolling(speed, axle_lateral_speed, angle)[1])
         along, across = ca.cos(angle), ca.sin(angle)
         for side in (1.0, -1.0):  # left (inner in a left turn), right
-            wheel_speed = ca.fmax(speed - side * half_track * yaw_rate, WHEEL_SPEED_MIN)
-            slip = ca.atan(axle_lateral_speed / wheel_speed) - angle
+            wheel_speed, slip = _rolling(speed - side * half_track * yaw_rate, axle_lateral_speed, angle)
             if lagged:
                 held = lagged[len(slip_rates)]
                 slip_rates.append(wheel_speed / length * (slip - held))
@@ -321,7 +333,7 @@ def _two_track(car: PlantCar, states: tuple[str, ...]) -> tuple[Any, Any, Any, A
         "position_y": speed * ca.sin(heading) + lateral_speed * ca.cos(heading),
         "heading": yaw_rate,
     }
-    sideslip = ca.atan(lateral_speed / ca.fmax(speed, WHEEL_SPEED_MIN))
+    sideslip = ca.atan(lateral_speed / _size(speed))
     output = ca.vertcat(sideslip, acceleration, front, slips[0], slips[1], motor, measured_acceleration)
     return x, u, ca.vertcat(*(rates[name] for name in states)), output
 

@@ -72,7 +72,7 @@ class Thresholds:
         controller, table = config.controller, manifest["map"]
         schedule = controller.tracking.schedule
         speeds = [
-            *(controller.enable_speed_km_h, controller.disable_speed_km_h),
+            *controller.feedback_speeds_km_h,
             *opposite_phase_speeds_km_h(config),
             *(schedule.speed_km_h if schedule else ()),
             controller.inputs.speed_max_km_h,

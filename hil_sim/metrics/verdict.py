@@ -147,9 +147,9 @@ def _states(run: Run) -> Iterator[str]:
         if counted := samples(state):
             yield f"{text} {counted}"
     if standby := samples(Status.STANDBY):
-        controller = run.config.controller
-        speeds = f"from {controller.enable_speed_km_h:g} km/h until below {controller.disable_speed_km_h:g} km/h"
-        yield f"control was off {standby}; it is meant to be on {speeds}"
+        controller, (ends, starts) = run.config.controller, run.config.controller.feedback_speeds_km_h
+        on = f"from {starts:g} km/h until below {ends:g} km/h" if controller.waits_for_speed else "from the first speed on"
+        yield f"control was off {standby}; it is meant to be on {on}"
 
 
 def _limits(run: Run) -> Iterator[tuple[str, int]]:

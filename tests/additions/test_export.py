@@ -96,7 +96,7 @@ def test_an_export_touches_at_most_four_files(tree: Copy) -> None:
     with output.open(newline="") as file:
         rows = {(row["struct"], row["name"]): row for row in csv.DictReader(file)}
     assert json.loads(printed)["parameters"] == len(rows)
-    assert rows["controller", "rear_angle_max"]["unit"] == "rad" and rows["controller", "enable_speed"]["unit"] == "m/s"
+    assert rows["controller", "rear_angle_max"]["unit"] == "rad" and rows["controller", "slow_speed"]["unit"] == "m/s"
     for row in rows.values():
         values = [float(value) for value in row["value"].split()]
         assert values and all(float(row["low"]) <= value <= float(row["high"]) for value in values), row

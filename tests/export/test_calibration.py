@@ -47,7 +47,7 @@ Run, Refused = Callable[..., Answer], Callable[..., str]
 GENERATED = Path(__file__).resolve().parents[2] / "generated"
 BUILD = GENERATED / "4ws2"
 FORMATS = sorted(READERS)
-DISABLE, ENABLE, GAIN = "ars.parameters.disable_speed", "ars.parameters.enable_speed", "ars.parameters.integral_gain"
+SLOW, GAIN = "ars.parameters.slow_speed", "ars.parameters.integral_gain"
 
 
 def _int16() -> Folder:
@@ -77,7 +77,7 @@ def loaded(name: str = "4ws2") -> BuildCalibration:
 
 
 def changed(**changes: Any) -> Values:
-    """Return the values of the build with others: "parameters__enable_speed" -> ars.parameters.enable_speed."""
+    """Return the values of the build with others: "parameters__slow_speed" -> ars.parameters.slow_speed."""
     values = dict(loaded().values)
     for key, value in changes.items():
         name = f"ars.{key.replace('__', '.')}"
@@ -133,7 +133,7 @@ def test_the_values_are_those_of_the_c_source() -> None:
     text = (BUILD / "src" / "ars_calibration.c").read_text(encoding="ascii")
     for name, pattern in {
         "ars.parameters.grip_loss_rate": r"\.grip_loss_rate = ([^,]*)",
-        DISABLE: r"\.disable_speed = ([^,]*)",
+        SLOW: r"\.slow_speed = ([^,]*)",
     }.items():
         found = re.search(pattern, text)
         assert found and np.float32(found[1].rstrip("f")) == loaded().values[name]
@@ -201,13 +201,13 @@ def test_the_build_rejects_what_its_c_rejects_by_name(suffix: str, tmp_path: Pat
     falling = loaded().values["ars.parameters.schedule_speed"].copy()
     falling[3] = falling[2]
     for changes, words in {
-        ("parameters__enable_speed", 60.0): f"{path}: {ENABLE}: 60 is outside 0.1388889 to 27.777779 m/s",
-        ("parameters__disable_speed", 10.0): f"{path}: {DISABLE}: 10 conflicts with other values: ars_parameters_valid()",
+        ("parameters__slow_speed", 60.0): f"{path}: {SLOW}: 60 is outside 0.5555556 to 13.888889 m/s",
+        ("parameters__slow_speed", 10.0): f"{path}: {SLOW}: 10 conflicts with other values: ars_parameters_valid()",
         ("inputs__speed_max", 20.0): f"{path}: ars.inputs.speed_max: 20 conflicts with other values",
     }.items():
         assert words in rejection(changed(**{changes[0]: changes[1]}), path)
-    assert "it requires disable_speed < enable_speed" in rejection(changed(parameters__disable_speed=10.0), path)
-    assert f"{path}: ars.map.speed: one of its 102 values conflicts" in rejection(changed(map__speed=axis), path)
+    assert "it requires slow_speed <= " in rejection(changed(parameters__slow_speed=10.0), path)
+    assert f"{path}: ars.map.speed: one of its 119 values conflicts" in rejection(changed(map__speed=axis), path)
     line = rejection(changed(parameters__schedule_speed=falling), path)
     assert f"{path}: ars.parameters.schedule_speed: breakpoint 3 (8.33333302 m/s) is not above" in line
 
@@ -231,11 +231,11 @@ POINTS, LAST = len(SCHEDULE["speed_km_h"]), " ".join(str(np.float32(speed * KM_H
 DAMAGES: dict[str, tuple[str, str, str, str]] = {
     "name": (
         ".dcm",
-        DISABLE,
+        SLOW,
         "ars.parameters.disable_sped",
         "does not have it; remove it, or give the build that has it; did you",
     ),
-    "two numbers": (".dcm", f"FESTWERT {DISABLE}\n", f"FESTWERT {DISABLE}\n WERT 2\n", f"2 numbers for {DISABLE}, which has 1"),
+    "two numbers": (".dcm", f"FESTWERT {SLOW}\n", f"FESTWERT {SLOW}\n WERT 2\n", f"2 numbers for {SLOW}, which has 1"),
     "word": (".dcm", "0.48658288", "nan", "'nan' is not a number"),
     "missing number": (
         ".dcm",
@@ -253,8 +253,8 @@ DAMAGES: dict[str, tuple[str, str, str, str]] = {
     ),
     "unit": (
         ".dcm",
-        'standby below"\n   EINHEIT_W "m/s"',
-        'standby below"\n   EINHEIT_W "km/h"',
+        'whole from twice it on"\n   EINHEIT_W "m/s"',
+        'whole from twice it on"\n   EINHEIT_W "km/h"',
         "in km/h in the file, in m/s in the",
     ),
     "unit of an axis": (
@@ -269,8 +269,8 @@ DAMAGES: dict[str, tuple[str, str, str, str]] = {
     "format": (".dcm", "KONSERVIERUNG_FORMAT 2.0", "KONSERVIERUNG_FORMAT 1.0", "does not begin with KONSERVIERUNG_FORMAT 2.0"),
     "unit in CDF": (
         ".cdfx",
-        ">m/s</UNIT-DISPLAY-NAME>\n              <SW-VALUES-PHYS>\n                <V>3.3333333<",
-        ">km/h</UNIT-DISPLAY-NAME>\n              <SW-VALUES-PHYS>\n                <V>3.3333333<",
+        ">m/s</UNIT-DISPLAY-NAME>\n              <SW-VALUES-PHYS>\n                <V>2.0833333<",
+        ">km/h</UNIT-DISPLAY-NAME>\n              <SW-VALUES-PHYS>\n                <V>2.0833333<",
         "in km/h in the file, in m/s in the",
     ),
     "entity": (".cdfx", '.dtd">', '.dtd" [<!ENTITY a "aa"><!ENTITY b "&a;&a;">]>', "declares an entity"),
@@ -316,7 +316,7 @@ KENNLINIE other.curve
   ST_TX/X "a" "b"
   WERT 1 2
 END
-FESTWERT {DISABLE}
+FESTWERT {SLOW}
   LANGNAME "a ""b"" c"
   EINHEIT_W ""
   VAR a=1
@@ -330,39 +330,35 @@ END
 """
     (tmp_path / "set.dcm").write_bytes(dcm.encode("latin-1"))
     found = read_set(tmp_path / "set.dcm", loaded().layout)
-    assert found.keys() == {DISABLE, GAIN, "ars.parameters.schedule_speed"}
-    assert found[DISABLE] == np.float32(3.25) and (found[GAIN] == np.float32(0.5)).all()
-    value = f"<SHORT-NAME>{DISABLE}</SHORT-NAME><CATEGORY>VALUE</CATEGORY>"
+    assert found.keys() == {SLOW, GAIN, "ars.parameters.schedule_speed"}
+    assert found[SLOW] == np.float32(3.25) and (found[GAIN] == np.float32(0.5)).all()
+    value = f"<SHORT-NAME>{SLOW}</SHORT-NAME><CATEGORY>VALUE</CATEGORY>"
     held = "<SW-VALUE-CONT><SW-VALUES-PHYS><V>3.2500000000000000</V></SW-VALUES-PHYS></SW-VALUE-CONT>"
     variant = "SW-INSTANCE-PROPS-VARIANT"
     for content in (held, f"<{variant}S><{variant}>{held}</{variant}></{variant}S>"):
-        others = f"<SW-INSTANCE>{value.replace(DISABLE, 'other.value')}</SW-INSTANCE>"
+        others = f"<SW-INSTANCE>{value.replace(SLOW, 'other.value')}</SW-INSTANCE>"
         tree = f"<SW-INSTANCE-TREE>{others}<SW-INSTANCE>{value}{content}</SW-INSTANCE></SW-INSTANCE-TREE>"
         inside = f"<SW-INSTANCE-SPEC>{tree}</SW-INSTANCE-SPEC>"
         text = f"<MSRSW><CATEGORY>CDF20</CATEGORY><SW-SYSTEMS><SW-SYSTEM>{inside}</SW-SYSTEM></SW-SYSTEMS></MSRSW>"
         (tmp_path / "set.cdfx").write_text(text)
-        assert read_set(tmp_path / "set.cdfx", loaded().layout) == {DISABLE: np.float32(3.25)}
+        assert read_set(tmp_path / "set.cdfx", loaded().layout) == {SLOW: np.float32(3.25)}
 
 
 @pytest.mark.parametrize(("category", "text"), [("BOOLEAN", "<VT>true</VT>"), ("DEPENDENT_VALUE", "<V>1</V>")])
 def test_values_of_other_categories_are_read(category: str, text: str, tmp_path: Path) -> None:
     held = f"<SW-VALUE-CONT><SW-VALUES-PHYS>{text}</SW-VALUES-PHYS></SW-VALUE-CONT>"
-    value = f"<SW-INSTANCE><SHORT-NAME>{DISABLE}</SHORT-NAME><CATEGORY>{category}</CATEGORY>{held}</SW-INSTANCE>"
+    value = f"<SW-INSTANCE><SHORT-NAME>{SLOW}</SHORT-NAME><CATEGORY>{category}</CATEGORY>{held}</SW-INSTANCE>"
     (tmp_path / "set.cdfx").write_text(f"<MSRSW><CATEGORY>CDF20</CATEGORY>{value}</MSRSW>", encoding="ascii")
-    assert read_set(tmp_path / "set.cdfx", loaded().layout) == {DISABLE: np.float32(1.0)}
+    assert read_set(tmp_path / "set.cdfx", loaded().layout) == {SLOW: np.float32(1.0)}
 
 
 def test_a_value_in_a_block_that_is_not_supported_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "set.dcm").write_text(
-        f"KONSERVIERUNG_FORMAT 2.0\nFESTWERTEBLOCK {DISABLE} 1\n  WERT 1\nEND\n", encoding="ascii"
-    )
-    with pytest.raises(
-        CodegenError, match=f"line 2: {DISABLE} is a FESTWERTEBLOCK, which is not supported; export it as one of"
-    ):
+    (tmp_path / "set.dcm").write_text(f"KONSERVIERUNG_FORMAT 2.0\nFESTWERTEBLOCK {SLOW} 1\n  WERT 1\nEND\n", encoding="ascii")
+    with pytest.raises(CodegenError, match=f"line 2: {SLOW} is a FESTWERTEBLOCK, which is not supported; export it as one of"):
         read_set(tmp_path / "set.dcm", loaded().layout)
-    value = f"<SW-INSTANCE><SHORT-NAME>{DISABLE}</SHORT-NAME><CATEGORY>VAL_BLK</CATEGORY></SW-INSTANCE>"
+    value = f"<SW-INSTANCE><SHORT-NAME>{SLOW}</SHORT-NAME><CATEGORY>VAL_BLK</CATEGORY></SW-INSTANCE>"
     (tmp_path / "set.cdfx").write_text(f"<MSRSW><CATEGORY>CDF20</CATEGORY>{value}</MSRSW>", encoding="ascii")
-    with pytest.raises(CodegenError, match=f"{DISABLE}: is of category VAL_BLK; export it as one of VALUE"):
+    with pytest.raises(CodegenError, match=f"{SLOW}: is of category VAL_BLK; export it as one of VALUE"):
         read_set(tmp_path / "set.cdfx", loaded().layout)
 
 
@@ -424,21 +420,29 @@ def test_a_set_becomes_an_ars_toml_with_the_same_bits(tmp_path: Path) -> None:
 def test_comments_stay_and_values_without_a_key_are_rejected(tmp_path: Path) -> None:
     build, path = loaded(), tmp_path / "ars.toml"
     path.write_text("# mine\n" + toml_of(build.values, build, None).text, encoding="utf-8")
-    written = toml_of(changed(parameters__disable_speed=np.float32(11.5 / 3.6)), build, path)
-    assert written.changed == ("controller.disable_speed_km_h",)
-    assert "disable_speed_km_h = 11.5\n" in written.text and written.text.startswith("# mine\n")
+    written = toml_of(changed(parameters__slow_speed=np.float32(11.5 / 3.6)), build, path)
+    assert written.changed == ("controller.slow_speed_km_h",)
+    assert "slow_speed_km_h = 11.5\n" in written.text and written.text.startswith("# mine\n")
     with pytest.raises(CodegenError, match=r"ars\.inputs\.wheelbase: 3 cannot be set by a key"):
         toml_of(changed(inputs__wheelbase=3.0), build, None)
 
 
-@pytest.mark.parametrize(("name", "preset"), [("4ws2-paper", "paper"), ("4ws2", "recommended")])
-def test_a_set_goes_into_the_file_of_codegen_init(name: str, preset: configuration.Preset, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("name", "preset", "key", "line"),
+    [
+        ("4ws2-paper", "paper", "disable_speed", "disable_speed_km_h = 11.5     # control ends below this speed\n"),
+        ("4ws2", "recommended", "slow_speed", "slow_speed_km_h = 11.5         # no feedback up to this speed"),
+    ],
+)
+def test_a_set_goes_into_the_file_of_codegen_init(
+    name: str, preset: configuration.Preset, key: str, line: str, tmp_path: Path
+) -> None:
     """The file keeps its comments. That of kind "tracking" has no gains yet; those of the set are added."""
     build, path = loaded(name), tmp_path / "ars.toml"
     path.write_text(configuration.preset_text(preset), encoding="utf-8")
-    values = dict(build.values) | {DISABLE: np.float32(11.5 / 3.6)}
+    values = dict(build.values) | {f"ars.parameters.{key}": np.float32(11.5 / 3.6)}
     written = toml_of(values, build, path)
-    assert "disable_speed_km_h = 11.5     # control ends below this speed\n" in written.text
+    assert line in written.text
     path.write_text(written.text, encoding="utf-8")
     assert not toml_of(values, build, path).changed  # every parameter is that of the set
 
@@ -480,7 +484,7 @@ static ars_task_t task;
 int main(void)
 {
     ars_task_init(&task, &ars_parameters_default);
-    printf("%d %.9g %.9g %.9g %d\\n", (int)ars_selftest(), (double)ars_parameters_default.disable_speed,
+    printf("%d %.9g %.9g %.9g %d\\n", (int)ars_selftest(), (double)ars_parameters_default.slow_speed,
         (double)ars_parameters_default.integral_gain[3], (double)ars_map_yaw_rate_table[7][9],
         (int)(ars_calibration_checksum() == ars_calibration_expected_checksum));
     return 0;
@@ -492,7 +496,7 @@ def recalibrated() -> Values:
     build = loaded()
     table, gains = build.values["ars.map.yaw_rate"].copy(), build.values[GAIN].copy()
     table[7, 9], gains[3] = 0.123456789, 1.25
-    values = changed(parameters__disable_speed=3.25, map__yaw_rate=table, parameters__integral_gain=gains)
+    values = changed(parameters__slow_speed=3.25, map__yaw_rate=table, parameters__integral_gain=gains)
     build.check(values, {})
     return values
 
@@ -614,20 +618,20 @@ def test_the_command_writes_compares_and_converts(run: Run, tmp_path: Path) -> N
     out = run("calibrate", "--build", BUILD, first, second, "--plot", plot).out
     assert plot.read_bytes().startswith(b"\x89PNG")
     rows = {line.split()[0]: line.split()[1:] for line in out.splitlines() if line.startswith("ars.")}
-    assert rows.keys() == {DISABLE, GAIN, "ars.map.yaw_rate"}
-    assert rows[DISABLE][:3] == ["1", "3.33333", "3.25"]
+    assert rows.keys() == {SLOW, GAIN, "ars.map.yaw_rate"}
+    assert rows[SLOW][:3] == ["1", "2.08333", "3.25"]
     for name in ("ars.toml", "map.npz", "again.dcm"):
         assert run("calibrate", "--build", BUILD, second, "-o", tmp_path / name).code == 0
-    assert configuration.load(tmp_path / "ars.toml").controller.disable_speed_km_h == 11.7
+    assert configuration.load(tmp_path / "ars.toml").controller.slow_speed_km_h == 11.7
     found = read_set(tmp_path / "again.dcm", loaded().layout)
     assert all(found[name].tobytes() == value.tobytes() for name, value in recalibrated().items())
 
 
 def test_the_picture_names_both_sets_and_units() -> None:
-    figure = calibration_figure([ValueChange(DISABLE, "m/s", 10.0 / 3.0, 3.25)], [], None, ("first.dcm", "second.cdfx"))
+    figure = calibration_figure([ValueChange(SLOW, "m/s", 10.0 / 3.0, 3.25)], [], None, ("first.dcm", "second.cdfx"))
     (axes,) = figure.findobj(Axes)
     assert axes.get_title(loc="left") == "Values, first (first.dcm) to second (second.cdfx)"
-    assert [label.get_text() for label in axes.get_yticklabels()] == [f"{DISABLE}: 3.333 → 3.25 m/s"]
+    assert [label.get_text() for label in axes.get_yticklabels()] == [f"{SLOW}: 3.333 → 3.25 m/s"]
 
 
 def test_unsuitable_arguments_are_rejected(refused: Refused, tmp_path: Path) -> None:

@@ -129,7 +129,7 @@ def test_accumulated_times_are_accepted(version: Version) -> None:
 INVALID = {
     "parameters.rear_angle_max = nan is not a number": {"parameters.rear_angle_max": math.nan},
     "parameters.limiter.opposite_phase_speed[2] = 100 is out of": {"parameters.limiter.opposite_phase_speed[2]": 100.0},
-    "_speed = ": {"parameters.disable_speed": 6.0, "parameters.enable_speed": 5.5},
+    "_speed = ": {"parameters.slow_speed": 8.5},
     "parameters.inputs.recovery_samples = 0 is out of range": {"parameters.inputs.recovery_samples": 0},
 }
 

@@ -300,7 +300,7 @@ GRID = "[grid]\nspeed_points = 7\nfront_angle_points = 8\n"
     ("text", "place"),
     [
         ("[controller.inputs]\nspeed_max_km_h = 100.0\n", "controller.inputs.speed_max_km_h: 100 km/h is below"),
-        ("[controller]\nenable_speed_km_h = 70.0\n", "controller.enable_speed_km_h: 70 km/h is more than half"),
+        ("[controller]\nslow_speed_km_h = 40.0\n", "controller.slow_speed_km_h: 40 km/h is more than a quarter"),
     ],
 )
 def test_input_limits_inside_the_map_are_found_in_configuration_and_map(tmp_path: Path, text: str, place: str) -> None:

@@ -37,7 +37,7 @@ PARAMETER_SETS: tuple[Mapping[str, Any], ...] = (
     {},
     {
         "inputs": {"rear_angle_max": 2000 / 20000, "recovery_samples": 3, "missing_samples_max": 0},
-        **{"actuator_samples_max": 3, "actuator_error_max": 0.02, "actuator_share": 0.5},
+        **{"actuator_samples_max": 3, "actuator_error_max": 0.02, "actuator_share": 0.5, "inhibit_samples_max": 1},
     },
 )
 EVENTS = (
@@ -121,7 +121,7 @@ class _OtherNodes:
         speed = 2.0 if event == "slow" else 12.0 + self.life % 20
         yaw_rate = {"unavailable": math.nan, "implausible": 2.0}.get(event, float(rng.normal(0.05, 0.02)))
         reported, friction = math.nan if event == "no angle" else angle, float(rng.choice([math.nan, 0.3]))
-        signals = (VehicleMotion(speed, 0.03, yaw_rate), VehicleConditions(reported, friction, rng.random() < 0.2))
+        signals = (VehicleMotion(speed, 0.03, yaw_rate), VehicleConditions(reported, friction, inhibit=rng.random() < 0.2))
         contents = [self.codec.encode(each) for each in signals]
         for _ in range({"skipped": 6, "jump": 2}.get(event, 0)):  # made and never sent
             self._frame(place, contents[place])
@@ -226,6 +226,36 @@ def check_actuator_is_followed(built: Built) -> None:
         task.state.expected_angle = held
         samples(1)
         assert task.state.expected_angle == becomes, held
+
+
+def check_inhibit_for_good(built: Built) -> None:
+    """Check that the rear wheels return to zero after the last tolerated sample with Inhibit, and that control comes back."""
+    can, commanded, tolerated = built.software.config.can, 0.02, 5
+    codec, car = Codec(can, built.software.precision), _OtherNodes(can, Codec(can), np.random.default_rng(0), 0)
+    parameters = parameters_of(built, {"inhibit_samples_max": tolerated})
+    step = min(parameters.fail_safe_rate, parameters.limiter.rear_rate_max) * built.software.config.controller.sampling_time_s
+    task, angles = built.software.task(parameters), [0.0]
+
+    def status(inhibit: bool) -> Status:
+        held = 0.0 if math.isnan(angles[-1]) else angles[-1]
+        for place, contents in enumerate((VehicleMotion(30.0, 0.0, 0.0), VehicleConditions(held, inhibit=inhibit))):
+            frame = car._frame(place, codec.encode(contents))
+            task.on_can_frame(frame.id, frame.data)
+        answer = codec.decode(*task.run())
+        assert isinstance(answer, RearSteerCommand)
+        angles.append(answer.rear_angle)
+        return Status(answer.status)
+
+    followed = (Status.TRACKING, Status.LIMITED)
+    while status(False) not in followed:
+        pass  # the car's messages become valid
+    assert all(status(inhibit) in followed for inhibit in (False, *(True,) * tolerated, False, *(True,) * tolerated))
+    task.state.controller.rear_angle = commanded
+    assert {status(True) for _ in range(int(commanded / step) + 2)} == {Status.STANDBY}
+    expected = [max(commanded - sample * step, 0.0) for sample in range(1, int(commanded / step) + 3)]
+    # A code of the angle is 1/20000 rad, and each angle is rounded to the nearest; the sums in single precision are far closer.
+    assert max(abs(found - each) for found, each in zip(angles[-len(expected) :], expected, strict=True)) <= 0.51 / 20000
+    assert status(False) in followed
 
 
 def answers_of_task(built: Built, lives: int = STARTS) -> list[Traffic]:

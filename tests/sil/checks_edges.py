@@ -58,7 +58,7 @@ def check_init_sets_everything(built: Built) -> None:
     ffi.memmove(task, b"\xff" * ffi.sizeof(task[0]), ffi.sizeof(task[0]))
     software.function("task_init")(task, parameters)
     zero = ("counter", "conditions_close", "has_measured", "samples_without_angle", "cycles", "late_cycles", "early_cycles")
-    zero += ("lost_samples", "backlog", "disturbance", "actuator_samples", "expected_angle")
+    zero += ("lost_samples", "backlog", "disturbance", "actuator_samples", "inhibited_samples", "expected_angle")
     assert not any(getattr(task, field) for field in zero)
     assert not task.conditions.inhibit
     for signals, fields in (("motion", ("speed", "front_angle", "yaw_rate")), ("conditions", ("rear_angle", "friction"))):
@@ -159,7 +159,8 @@ def check_yaw_rate_error(built: Built) -> None:
     slow = built.software.controller(0.0, parameters)
     slow.step(Measurement(15.0, 0.07, 0.05))
     assert slow.state.yaw_rate_error != 0.0
-    assert slow.step(Measurement(0.0, 0.07, 0.0)).status is Status.STANDBY
+    stopped = slow.step(Measurement(0.0, 0.07, 0.0)).status
+    assert (stopped is Status.STANDBY) == config_of(built).controller.waits_for_speed
     assert slow.state.yaw_rate_error == 0.0
 
 

@@ -12,6 +12,7 @@ from codegen.emit.laws import law_of
 from codegen.sil.software import Controller, Measurement, Status
 from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
+from codegen.verify.law.controller import feedback_speeds
 from tests.builds import Built
 from tests.sil.checks_kinds import OPEN, config_of, parameters_of
 
@@ -159,9 +160,9 @@ def check_wrong_speed(built: Built) -> None:
 
 
 def check_slow_speed_in_a_gap(built: Built) -> None:
-    """Check that control ends exactly below the disabling speed, even in an incomplete sample."""
-    disable = float(built.software.parameters().disable_speed)
-    for speed, controlled in ((disable, True), (built.next(disable, 0.0), False)):
+    """Check that control ends exactly below the disabling speed, even in an incomplete sample; without one it does not."""
+    waits, (ends, _) = config_of(built).controller.waits_for_speed, feedback_speeds(built.software.parameters())
+    for speed, controlled in ((ends, True), (built.next(ends, 0.0), not waits), (0.0, not waits)):
         controller = built.software.controller(0.0, parameters_of(built, {"inputs": OPEN}))
         controller.run([Measurement(16.0, 0.03, 0.1, 0.0)] * 3)
         assert controller.step(Measurement(speed, 0.03, math.nan, 0.0)).status is Status.DEGRADED
@@ -175,7 +176,8 @@ def check_lost_speed(built: Built) -> None:
     controller.run([lost] * (most + 3))
     assert controller.state.sample.speed == 16.0 - 3 * 0.5
     controller.run([lost] * 40)
-    assert (controller.state.sample.speed, controller.state.status) == (0.0, Status.STANDBY)
+    at_rest = Status.STANDBY if config_of(built).controller.waits_for_speed else Status.DEGRADED
+    assert (controller.state.sample.speed, controller.state.status) == (0.0, at_rest)
 
 
 def check_lost_friction_and_rear_angle(built: Built) -> None:

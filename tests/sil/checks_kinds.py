@@ -1,5 +1,6 @@
 """Checks of every kind of controller. Each takes a build and raises AssertionError if the build fails it."""
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -7,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.configuration import Config
-from codegen.sil.software import Status
+from codegen.sil.software import Measurement, Status
 from codegen.verify.law.controller import SecondController
 from codegen.verify.law.kinds import second_controller
 from tests.builds import Built
@@ -83,6 +84,9 @@ def check_kind_always_bounded(built: Built, count: int = 20_000, seed: int = 0) 
                 assert abs(command.yaw_rate_reference) < 1e3
                 seen.add(command.status)
             _check_state(built, controller.state, parameters)
+    if not config_of(built).controller.waits_for_speed:
+        assert software.controller(0.02).step(Measurement(math.nan, 0.0, 0.0)).status is Status.STANDBY
+        seen.add(Status.STANDBY)
     assert seen == {status.value for status in Status}
 
 

@@ -29,15 +29,24 @@ def configured(built: Built) -> dict[str, Any]:
         "rear_angle_max": math.radians(actuator.angle_max_deg),
         "rear_rate_max": 1000.0 if rate == "off" else math.radians(rate),
         "friction_min": controller.friction_min,
-        "enable_speed": controller.enable_speed_km_h / 3.6,
-        "disable_speed": controller.disable_speed_km_h / 3.6,
-        "standby_rate": math.radians(controller.standby_rate_deg_s),
         "fail_safe_rate": math.radians(controller.fail_safe.rate_deg_s),
         # A first-order lag over a sample; a tenth of the angle; the time from stop to stop at the largest rate, and ten lags.
         "actuator_share": 1.0 - math.exp(-period / lag),
         "actuator_error_max": 0.1 * math.radians(actuator.angle_max_deg),
         "actuator_samples_max": round((2.0 * actuator.angle_max_deg / actuator.rate_max_deg_s + 10.0 * lag) / period),
     }
+    values["inhibit_samples_max"] = round(controller.inhibit_time_s / period)
+    if controller.kind == "pi":
+        values |= {
+            "enable_speed": controller.enable_speed_km_h / 3.6,
+            "disable_speed": controller.disable_speed_km_h / 3.6,
+            "standby_rate": math.radians(controller.standby_rate_deg_s),
+        }
+    else:
+        values |= {
+            "slow_speed": controller.slow_speed_km_h / 3.6,
+            "fade_rate": math.radians(actuator.angle_max_deg) / controller.fade_distance_m,
+        }
     if controller.kind in ("pi", "tracking"):
         values["rear_angle_error_max"] = math.radians(controller.rear_angle_error_max_deg)
     if controller.kind == "pi":
@@ -146,7 +155,10 @@ COMPANIONS: Mapping[str, Mapping[str, float]] = {
     "inputs.rear_angle_max": {"rear_angle_max": 1e-4},
 }
 """Values of other parameters that a parameter at the end of its range requires."""
-NO_ROOM = {("enable_speed", "low"), ("enable_speed", "high"), ("disable_speed", "high"), ("inputs.speed_max", "low")}
+NO_ROOM = {
+    *(("enable_speed", "low"), ("enable_speed", "high"), ("disable_speed", "high"), ("slow_speed", "high")),
+    ("inputs.speed_max", "low"),
+}
 """Ends of ranges that are invalid alone: the disabling speed must be below the enabling one, and both must leave the controller
 part of the map's speeds."""
 
@@ -216,21 +228,25 @@ def _check_what_fits_together(built: Built) -> None:
     assert is_valid(built, **{"inputs.rear_angle_max": angle})
     assert not is_valid(built, **{"inputs.rear_angle_max": built.next(angle, 0.0)})
     assert not is_valid(built, rear_angle_max=built.next(angle, 2.0)), "beyond the actuator's range"
-    assert not is_valid(built, enable_speed=5.0, disable_speed=5.0)
-    slowest = float(built.real(0.5 * KM_H))
-    assert not is_valid(built, enable_speed=built.next(slowest, 0.0), disable_speed=lowest)
-    for enable, disable in ((slowest, lowest), (10.0, lowest), (5.0, built.next(5.0, 0.0))):
-        assert is_valid(built, enable_speed=enable, disable_speed=disable)
+    fastest = float(built.real(built.total.speed[-1]))
+    if config_of(built).controller.waits_for_speed:
+        assert not is_valid(built, enable_speed=5.0, disable_speed=5.0)
+        slowest = float(built.real(0.5 * KM_H))
+        assert not is_valid(built, enable_speed=built.next(slowest, 0.0), disable_speed=lowest)
+        for enable, disable in ((slowest, lowest), (10.0, lowest), (5.0, built.next(5.0, 0.0))):
+            assert is_valid(built, enable_speed=enable, disable_speed=disable)
+        for enable, fits in ((0.5 * fastest, True), (built.next(0.5 * fastest, fastest), False)):
+            assert is_valid(built, enable_speed=enable, disable_speed=1.0) == fits, "control would hardly ever be enabled"
+    else:
+        for slow, fits in ((0.25 * fastest, True), (built.next(0.25 * fastest, fastest), False)):
+            assert is_valid(built, slow_speed=slow) == fits, "feedback would hardly ever be whole"
     period = config_of(built).controller.sampling_time_s
     ranges = {"inputs.missing_samples_max": (0, round(1.0 / period)), "inputs.recovery_samples": (1, 4_000)}
-    ranges |= {"actuator_samples_max": (1, 60_000)}
+    ranges |= dict.fromkeys(("actuator_samples_max", "inhibit_samples_max"), (1, 60_000))
     for name, (least, most) in ranges.items():
         assert is_valid(built, **{name: least}) and is_valid(built, **{name: most})
         assert not is_valid(built, **{name: most + 1}), "a count that never acts or never ends"
         assert least == 0 or not is_valid(built, **{name: least - 1}), "a count that ends at once"
-    fastest = float(built.real(built.total.speed[-1]))
-    for enable, fits in ((0.5 * fastest, True), (built.next(0.5 * fastest, fastest), False)):
-        assert is_valid(built, enable_speed=enable, disable_speed=1.0) == fits, "control would hardly ever be enabled"
     for speed, fits in ((fastest, True), (built.next(fastest, 0.0), False)):
         assert is_valid(built, **{"inputs.speed_max": speed}) == fits, "the range of speeds must include the map"
     parameters = software.parameters()

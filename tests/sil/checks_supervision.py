@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from codegen.sil.software import Measurement, Status
+from codegen.sil.software import Command, Measurement, Status
 from tests.builds import CONFIG, SPEED, Built
 from tests.sil.checks_kinds import OPEN, STILL, config_of, parameters_of
 
@@ -128,9 +128,17 @@ def check_recovery(built: Built) -> None:
 def check_standby(built: Built) -> None:
     """Check that control starts at the enabling speed, ends below the disabling one, and keeps its state only between them.
 
-    Reverse is standby. In standby the angle returns to zero at its rate.
+    Reverse is standby. In standby the angle returns to zero at its rate. A law that waits for no speed is in standby until the
+    first speed, and holds the angle.
     """
     parameters = parameters_of(built, {"inputs": OPEN})
+    if not config_of(built).controller.waits_for_speed:
+        lost = Measurement(math.nan, 0.0, 0.0)
+        held = built.software.controller(0.02, parameters).run([lost] * 20)
+        assert {*held} == {Command(float(built.real(0.02)), 0.0, Status.STANDBY)}
+        for speed in (-SPEED, -0.0, 0.0, SPEED):
+            assert built.software.controller(0.02, parameters).step(Measurement(speed, 0.0, 0.0)).status in RUNNING
+        return
     enable, disable = float(parameters.enable_speed), float(parameters.disable_speed)
     between = 0.5 * (enable + disable)
     drive = [
@@ -149,3 +157,33 @@ def check_standby(built: Built) -> None:
     # Start and commands are rounded near 0.05 rad: an eighth of a unit in the last place at 1.
     assert np.abs(-np.diff(path)[path[1:] > 0.0] - step).max() < 0.3 * built.eps
     assert (path >= 0.0).all() and path[-1] == 0.0
+
+
+def check_from_standstill(built: Built) -> None:
+    """Check a law that waits for no speed: at standstill the angle is held; a slow car moves it with the distance driven, at no
+    more than 1.9 deg/s, in reverse as forwards; the way to the whole rate limit is continuous."""
+    config = config_of(built)
+    if config.controller.waits_for_speed:
+        return
+    parameters, front = parameters_of(built, {"inputs": OPEN}), 0.1
+    slow, each_metre = float(parameters.slow_speed), config.rear_actuator.angle_max / config.controller.fade_distance_m
+    turned = {}
+    for speed in (-0.9 * slow, -1.0, -0.05, 0.0, 0.05, 1.0, 0.9 * slow):
+        controller = built.software.controller(0.0, parameters)
+        sample = Measurement(speed, front, speed * front / config.vehicle.wheelbase)
+        path = np.array([0.0, *(command.rear_angle for command in controller.run([sample] * 1500))])
+        steps, turned[speed] = np.abs(np.diff(path)), path[-1]
+        distance = abs(speed) * PERIOD if abs(speed) > 0.1 else 0.0
+        # The steps are differences of angles that are rounded near 0.1 rad.
+        assert steps.max() <= min(each_metre * distance, math.radians(1.9) * PERIOD) + 0.2 * built.eps, speed
+        assert (steps.max() > 0.0) == (distance > 0.0), speed
+        assert (controller.state.yaw_rate_reference * speed > 0.0) == (speed != 0.0), speed
+    assert turned[-1.0] == turned[1.0] and turned[-0.9 * slow] == turned[0.9 * slow] < 0.0
+    largest = []
+    for speed in (slow, built.next(slow, 99.0), built.next(3.0 * slow, 0.0)):
+        controller = built.software.controller(0.0, parameters)
+        controller.step(Measurement(0.0, -0.3, 0.0))  # the law starts, and has no feedback yet
+        controller.step(Measurement(speed, -0.3, 0.0))
+        largest.append(abs(controller.state.rear_angle))
+    rate = min(float(parameters.rear_rate_max), float(parameters.limiter.rear_rate_max))
+    assert abs(largest[1] - largest[0]) <= 1e-6 * largest[0] and largest[2] >= 0.99 * rate * PERIOD

@@ -56,7 +56,7 @@ def check_tracking_state_after_init(built: Built) -> None:
 
 
 def check_tracking_memory_of_the_road(built: Built) -> None:
-    """Check that the grip estimate survives the fail-safe and a restart of control, and recovers in standby."""
+    """Check that the grip estimate survives the fail-safe and a restart of control, and recovers at standstill."""
     controller = built.software.controller(0.0, parameters_of(built, {"inputs": OPEN}))
     p, period = controller.parameters, config_of(built).controller.sampling_time_s
     good, lost = Measurement(SPEED, 0.0, 0.0), Measurement(math.nan, math.nan, math.nan)
@@ -68,7 +68,7 @@ def check_tracking_memory_of_the_road(built: Built) -> None:
     assert controller.step(good).status in (Status.TRACKING, Status.LIMITED)
     assert grip.available < 2.1, "one sample of recovery"
     grip.available = grip.reached = 2.0
-    assert controller.step(Measurement(0.0, 0.0, 0.0)).status is Status.STANDBY
+    assert controller.step(Measurement(0.0, 0.0, 0.0)).status is Status.TRACKING
     # Both are rounded twice, near 2.
     assert abs(grip.available - (2.0 + p.grip_recovery_idle * period)) <= 2.0 * built.eps * 2.0
     assert abs(grip.reached - 2.0 * (1.0 - p.grip_forgetting * period)) <= 2.0 * built.eps * 2.0

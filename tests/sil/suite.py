@@ -221,6 +221,7 @@ UNITS: dict[str, Callable[[Kind], list[Judge]]] = {
             answers_task.check_backlog,
             answers_task.check_zeroed_task,
             answers_task.check_silence,
+            answers_task.check_inhibit_for_good,
             answers_task.check_actuator_is_followed,
         ),
         *_inits(kind),

@@ -320,7 +320,7 @@ def with_part(name: str) -> Lanes:
 @pytest.mark.parametrize(
     ("scenario", "lanes", "text"),
     [
-        (profile(speed=0.0), Lanes(NOMINAL_LANES), "speed must be above zero"),
+        (profile(speed=math.nan), Lanes(NOMINAL_LANES), "speed must be finite"),
         (profile()[:-1], Lanes(NOMINAL_LANES), "shape"),
         (profile(), Lanes(NOMINAL_LANES[:, 1:]), "cars of shape"),
         (profile(), Lanes(NOMINAL_LANES, speed_factor=-1.0), "factors must be above zero"),

@@ -144,7 +144,8 @@ class Car:
         """Return slip angles at body points (n, 2) with wheels that point along `steer` (n,)."""
         along = speed - yaw_rate * points[:, 1]
         across = lateral + yaw_rate * points[:, 0]
-        return np.arctan2(across, np.maximum(along, ROLLING_SPEED_MIN)) - steer
+        forwards = np.clip(along / ROLLING_SPEED_MIN, -1.0, 1.0)  # in reverse a turned wheel slips to the other side
+        return np.arctan2(across, np.maximum(np.abs(along), ROLLING_SPEED_MIN)) - forwards * steer
 
     def body_rates(
         self,
@@ -180,7 +181,7 @@ class Car:
         held, rates_of = slip, dict[str, float]()
         if self.relaxation_length:  # 63 % over one relaxation length rolled
             held = state[7:11]
-            rolling = np.maximum(speed - yaw_rate * self.wheels[:, 1], ROLLING_SPEED_MIN)
+            rolling = np.maximum(np.abs(speed - yaw_rate * self.wheels[:, 1]), ROLLING_SPEED_MIN)
             lengths = self.relaxation_length * np.array([1.0, 1.0, *[self.rear_relaxation_factor] * 2])
             rates_of = dict(zip(self.further_states, (slip - held) * rolling / lengths, strict=False))
         roll = further.get("roll", 0.0), further.get("roll_rate", 0.0)

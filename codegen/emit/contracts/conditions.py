@@ -12,7 +12,7 @@ from codegen.emit.contracts.contract import Argument, Claim, Role, Unit
 from codegen.emit.controller_view import ControllerView
 from codegen.emit.dynamics_view import ReferenceModelView
 from codegen.emit.inputs_view import FRICTION_UNKNOWN, InputsView
-from codegen.emit.laws import REAR_ANGLE_MAX_RAD
+from codegen.emit.laws import REAR_ANGLE_MAX_RAD, Law
 from codegen.emit.limiter_view import LimiterView
 from codegen.emit.map_view import MapView
 from codegen.emit.text import Precision, literal
@@ -41,6 +41,7 @@ class Conditions:
         self.can: CanView = context["can"]
         self.task: TaskView = context["task"]
         self.model: ReferenceModelView | None = context["model"]
+        self.law: Law = context["law"]
         self.constants: tuple[Constant, ...] = context["constants"]
 
     @property

@@ -9,7 +9,7 @@ from codegen.configuration.signals import STATUSES
 from codegen.emit.contracts.conditions import LATERAL_ACCELERATION_MAX_M_S2, REFERENCE_MAX_RAD_S, Conditions
 from codegen.emit.contracts.contract import Argument, Claim, Unit
 from codegen.emit.inputs_view import FRICTION_UNKNOWN
-from codegen.emit.laws import REAR_ANGLE_MAX_RAD, SAMPLE_RANGES, YAW_RATE_ERROR_MAX_RAD_S
+from codegen.emit.laws import REAR_ANGLE_MAX_RAD, YAW_RATE_ERROR_MAX_RAD_S
 
 
 class ControlUnits(Conditions):
@@ -51,7 +51,7 @@ class ControlUnits(Conditions):
 
     def _ranges(self, sample: str, names: Iterable[str]) -> Iterator[Claim]:
         for name in names:
-            yield Claim(f"{name} is in range", self.between(f"{sample}{name}", *SAMPLE_RANGES[name]))
+            yield Claim(f"{name} is in range", self.between(f"{sample}{name}", *self.law.sample_ranges[name]))
 
     def _acceleration(self, name: str) -> Claim:
         return Claim(f"{name.split('->')[-1]} is in range", self.within(name, LATERAL_ACCELERATION_MAX_M_S2))
@@ -70,7 +70,7 @@ class ControlUnits(Conditions):
             *(self.scalar(name) for name in ("friction", "rear_angle", "yaw_rate_error")),
         )
         requires = (
-            *self._ranges("sample->", SAMPLE_RANGES),
+            *self._ranges("sample->", self.law.sample_ranges),
             self._acceleration("sample->lateral_acceleration"),
             Claim("inhibit is true or false", "is_flag(sample->inhibit)"),
             Claim("phase is one of its enumerators", self.is_code("phase", 2)),
@@ -158,21 +158,32 @@ class ControlUnits(Conditions):
         good, replaced, missing, unusable = (
             f"{self.upper}_QUALITY_{name}" for name in ("GOOD", "REPLACED", "MISSING", "UNUSABLE")
         )
-        speed, starts = "self->sample.speed", "(self->sample.speed >= parameters->enable_speed)"
-        drives = f"({speed} >= parameters->disable_speed)"
         table = {
             "an unusable sample leads to the fail-safe, which stays while a signal is missing": f"({is_}_FAIL_SAFE)"
             f" == (({quality} == {unusable}) || (({was}_FAIL_SAFE) && ({quality} == {missing})))",
-            "only a speed below disable_speed, or below enable_speed before control, leads to standby": f"!({is_}_STANDBY)"
-            f" || (({quality} <= {replaced}) && !{starts} && (!self_before->enabled || !{drives}))",
             "only a replaced or missing signal leads to degraded": f"!({is_}_DEGRADED) || ({quality} == {replaced})"
             f" || ({quality} == {missing})",
             "only a good sample is followed": f"(result->status > {self.upper}_STATUS_LIMITED) || ({quality} == {good})",
-            "control starts at enable_speed, with a sample": "self_before->enabled || !self->enabled"
-            f" || ({starts} && ({quality} <= {replaced}))",
-            "control ends below disable_speed": f"!self->enabled || {drives}",
             "without control the reference is zero": f"self->enabled || (result->yaw_rate_reference == {self.number(0.0)})",
         }
+        speed, starts = "self->sample.speed", "(self->sample.speed >= parameters->enable_speed)"
+        drives = f"({speed} >= parameters->disable_speed)"
+        table |= (
+            {
+                "only a speed below disable_speed, or below enable_speed before control, leads to standby": f"!({is_}_STANDBY)"
+                f" || (({quality} <= {replaced}) && !{starts} && (!self_before->enabled || !{drives}))",
+                "control starts at enable_speed, with a sample": "self_before->enabled || !self->enabled"
+                f" || ({starts} && ({quality} <= {replaced}))",
+                "control ends below disable_speed": f"!self->enabled || {drives}",
+            }
+            if self.law.waits_for_speed
+            else {
+                "only a speed that is not measured leads to standby or keeps it": f"!({is_}_STANDBY)"
+                f" || ({quality} == {missing}) || !{self.is_measured('self->inputs.speed')}",
+                "control starts with a sample": f"self_before->enabled || !self->enabled || ({quality} <= {replaced})",
+                "control ends only in the fail-safe": f"!self_before->enabled || self->enabled || ({is_}_FAIL_SAFE)",
+            }
+        )
         yield from (Claim(text, condition) for text, condition in table.items())
 
     def _fail_safe_times(self) -> Iterator[Claim]:
@@ -192,9 +203,10 @@ class ControlUnits(Conditions):
         yield Claim(f"the fail-safe starts no later than when {words}", f"!({' && '.join(lost)}) || ({status})")
 
     def _returns(self, angle: str, before: str) -> Iterator[Claim]:
-        """Yield that the angle returns to zero in standby and fail-safe, at the rate of the status or of the limiter."""
+        """Yield that the angle returns to zero in the fail-safe, and in standby below a speed, at the rate of the status or of
+        the limiter."""
         limiter, zero = self.step("parameters->limiter.rear_rate_max"), self.number(0.0)
-        for status in ("standby", "fail_safe"):
+        for status in ("standby", "fail_safe") if self.law.waits_for_speed else ("fail_safe",):
             step = self.step(f"parameters->{status}_rate")
             other = f"!self->limiter.speed_known || (result->status != {self.upper}_STATUS_{status.upper()})"
             for side, sign, order in (("left", "-", "{0} <= {1}"), ("right", "+", "{1} <= {0}")):

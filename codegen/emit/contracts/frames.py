@@ -257,7 +257,7 @@ class FrameUnits(Conditions):
             return f"({' || '.join(f'({place}->supervision.state == {state}_{each.name})' for each in states)})"
 
         silent = [each for each, row in STATES.items() if not row.has_command]
-        ramps = [each for each, row in STATES.items() if row.reaction is Reaction.RAMP]
+        rests = [each for each, row in STATES.items() if row.reaction in (Reaction.RAMP, Reaction.REST)]
         is_long = "(self_before->silent_calls > self->parameters->inputs.missing_samples_max)"
         heard = "((self_before->motion_input.frames > 0u) || (self_before->conditions_input.frames > 0u))"
         restarts = f"({is_in('self_before', silent)} || ({is_long} && {heard} && self_before->has_measured))"
@@ -270,8 +270,8 @@ class FrameUnits(Conditions):
         words = "the start angle is the measured one, or the last measured one"
         yield Claim(words, f"!{restarts} || {waits} || !self->has_measured || {placed}")
         shrinks = f"(magnitude_of({angle}) <= magnitude_of({before}))"
-        words = "where the table ramps, the magnitude of the command does not grow"
-        yield Claim(words, f"{restarts} || !{is_in('self', ramps)} || {shrinks}")
+        words = "without control the magnitude of the command does not grow"
+        yield Claim(words, f"{restarts} || !{is_in('self', rests)} || {shrinks}")
         frame = next(each for each in self.can.messages if each.role == "rear_steer_command")
         signal = next(each for each in frame.reals if each.definition.role == "rear_angle")
         assert isinstance(signal.layout, RealSignal)

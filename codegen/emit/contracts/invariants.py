@@ -14,7 +14,7 @@ from codegen.emit.contracts.conditions import (
     Conditions,
 )
 from codegen.emit.contracts.contract import Invariant
-from codegen.emit.controller_view import ACTUATOR_SAMPLES_MAX
+from codegen.emit.controller_view import TASK_SAMPLES_MAX
 from codegen.emit.inputs_view import FRICTION_UNKNOWN
 from codegen.emit.parameters import ParameterView
 from codegen.emit.supervision import STATES, Cause, State
@@ -93,7 +93,8 @@ class Invariants(Conditions):
 
     def _parameter_relations(self) -> Iterator[str]:
         yield "(value->rear_angle_max <= value->inputs.rear_angle_max)"
-        yield "(value->disable_speed < value->enable_speed)"
+        if self.law.waits_for_speed:
+            yield "(value->disable_speed < value->enable_speed)"
         yield "(value->inputs.speed_max <= value->limiter.speed_max)"
         yield "(value->inputs.front_angle_max <= value->limiter.front_angle_max)"
         yield "(value->limiter.rear_angle_max <= value->rear_angle_max)"
@@ -175,7 +176,8 @@ class Invariants(Conditions):
             yield from (claim.condition for claim in self.signals_in_range(frame, f"value->{name}."))
         yield f"(value->counter <= {self.counter_max}u)"
         yield f"((value->backlog <= {TASK_COUNT_MAX}u) && (value->disturbance <= {TASK_COUNT_MAX}u))"
-        yield f"(value->actuator_samples <= {ACTUATOR_SAMPLES_MAX + 1}u)"
+        for name in ("actuator", "inhibited"):
+            yield f"(value->{name}_samples <= {TASK_SAMPLES_MAX + 1}u)"
         yield self.within("value->expected_angle", self.high("rear_angle_max"))
         yield self.within("value->measured_angle", self.high("rear_angle_max"))
         yield f"{self.own('supervision_holds')}(&value->supervision)"

@@ -177,6 +177,7 @@ def _context(manifest: Mapping[str, Any], config: Config, protection: Protection
         "real": c_type(precision),
         **{name: literal(value, precision) for name, value in NUMBERS.items()},
         "map": {"bits_type": f"uint{bits}_t", "magnitude_bits": magnitude_bits(bits)},
+        "controller": {"sampling_time": literal(period, precision)},
         "measured": config.can.measured,
         "by_transformer": by_transformer,
         "is_implicit": access == "implicit",

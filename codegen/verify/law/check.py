@@ -28,7 +28,7 @@ from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.drives import GAPS, Thresholds, drawn, drives_of, measurements_of, recorded
 from codegen.verify.law import parameters as sets
 from codegen.verify.law import states
-from codegen.verify.law.controller import Road, SecondController
+from codegen.verify.law.controller import Road, SecondController, feedback_speeds
 from codegen.verify.law.drive_cycle import LIFE, cycles_of, drive
 from codegen.verify.law.kinds import SECOND, second_controller
 from codegen.verify.law.long_drives import LongDrives
@@ -203,10 +203,11 @@ class _Comparison:
         """Return samples at each speed threshold and its neighbours, from both sides; then without the yaw rate, and
         without any signal."""
         real, samples = self._software.real, []
-        enable, disable = (real(getattr(parameters, name)) for name in ("enable_speed", "disable_speed"))
+        disable, enable = (real(speed) for speed in feedback_speeds(parameters))
+        thresholds = [enable, disable] if self._software.config.controller.waits_for_speed else [enable, disable, real(0.0)]
         silence, patience = parameters.inputs.missing_samples_max + 3, parameters.inputs.recovery_samples + 3
-        for threshold, start in itertools.product((enable, disable), (1.0 + 1.5 * float(enable), 0.5 * float(disable))):
-            for speed in (np.nextafter(threshold, real(0.0)), threshold, np.nextafter(threshold, real(np.inf))):
+        for threshold, start in itertools.product(thresholds, (1.0 + 1.5 * float(enable), 0.5 * float(disable))):
+            for speed in (np.nextafter(threshold, real(-np.inf)), threshold, np.nextafter(threshold, real(np.inf))):
                 steps = math.ceil(abs(float(speed) - start) / (0.9 * parameters.inputs.speed_step))
                 samples += [self._turn(start)] * patience + [self._turn(each) for each in np.linspace(start, speed, steps)]
                 samples += [self._turn(float(speed))] * 3 + [Measurement(float(speed), FRONT_ANGLE, math.nan)] * silence
@@ -215,7 +216,7 @@ class _Comparison:
 
     def _turn(self, speed: float) -> Measurement:
         """Return a turn with slightly less yaw rate than the map requires."""
-        return Measurement(speed, FRONT_ANGLE, 0.9 * float(self._lookup(speed, FRONT_ANGLE)))
+        return Measurement(speed, FRONT_ANGLE, math.copysign(0.9, speed) * float(self._lookup(abs(speed), FRONT_ANGLE)))
 
     def _second(self, parameters: Any, start: float) -> SecondController:
         return second_controller(self._software.config, parameters, self._lookup, self._road, start)

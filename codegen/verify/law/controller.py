@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from codegen.configuration import Config
 from codegen.ecu_map.lookup import Lookup
+from codegen.emit.controller_view import SLOW_RATE, STANDING_SPEED
 from codegen.sil.software import Command, Measurement, Status
 from codegen.verify.law.inputs import Quality, SecondInputs
 
@@ -71,6 +72,13 @@ class SecondLimiter:
         return bounds[-1]
 
 
+def feedback_speeds(parameters: Any) -> tuple[float, float]:
+    """Return the speeds in m/s at which feedback ends, and from which it is whole, of a parameter struct in C."""
+    if hasattr(parameters, "enable_speed"):
+        return parameters.disable_speed, parameters.enable_speed
+    return parameters.slow_speed, 2.0 * parameters.slow_speed
+
+
 class Road(NamedTuple):
     """Road for which the map was made: peak friction, and the lateral acceleration in m/s^2 that the map allows on it."""
 
@@ -101,7 +109,8 @@ class SecondController(ABC):
         self.place(angle)
         self.inputs = SecondInputs(parameters.inputs, real, period, lookup.strongest_braking)
         self.status = Status.STANDBY
-        self.above_enabling_speed = False
+        self.waits_for_speed = config.controller.waits_for_speed
+        self.runs = False
         self.missed = 0
         self.quality = Quality.GOOD
         self.error = real(0.0)
@@ -114,9 +123,6 @@ class SecondController(ABC):
 
     def start(self, m: Measurement) -> None:  # noqa: B027 - most laws have no state to start
         """Start the law without a jump from the commanded angle."""
-
-    def stand_by(self) -> None:  # noqa: B027 - nor one to keep
-        """Compute a sample in standby."""
 
     def rest(self, m: Measurement) -> None:  # noqa: B027 - most laws have no model
         """Compute a sample without control, down to `angle`."""
@@ -136,25 +142,28 @@ class SecondController(ABC):
         yaw_rate_reference = self.real(0.0)
         self.quality, sample = self.inputs.step(measurement, self.angle, self.model())
         if self.quality is Quality.UNUSABLE:
-            self.status, self.above_enabling_speed = Status.FAIL_SAFE, False
+            self.status, self.runs = Status.FAIL_SAFE, False
         elif self.quality is Quality.MISSING:
-            if self.status is not Status.FAIL_SAFE:
+            if self.runs or (self.waits_for_speed and self.status is not Status.FAIL_SAFE):
                 self.status = Status.DEGRADED
-            self.above_enabling_speed &= not sample.speed < self.parameter("disable_speed")
-            if self.above_enabling_speed:
+            if self.waits_for_speed:
+                self.runs &= not sample.speed < self.parameter("disable_speed")
+            if self.runs:
                 self.missed += 1
-                yaw_rate_reference, _ = self.law(sample)
+                yaw_rate_reference = self._within_distance(sample)[0]
         else:
-            runs = self.above_enabling_speed
-            self._choose_by_speed(sample.speed)
-            if self.above_enabling_speed:
-                yaw_rate_reference = self._control(sample, runs)
-        if self.status is Status.STANDBY:
-            self._approach_zero(self.parameter("standby_rate"))
-            self.stand_by()
+            ran = self.runs
+            if self.waits_for_speed:
+                self._choose_by_speed(sample.speed)
+            elif not self.runs:
+                self.runs, self.status = bool(self.inputs.speed.is_measured or sample.speed), Status.STANDBY
+            if self.runs:
+                yaw_rate_reference = self._control(sample, ran)
+        if self.status is Status.STANDBY and self.waits_for_speed:
+            self.approach_zero(self.parameter("standby_rate"))
         elif self.status is Status.FAIL_SAFE:
-            self._approach_zero(self.parameter("fail_safe_rate"))
-        if not self.above_enabling_speed:
+            self.approach_zero(self.parameter("fail_safe_rate"))
+        if not self.runs:
             self.rest(sample)
         limited = self.limiter.step(sample.speed, sample.front_angle, self.angle)
         if limited != self.angle and self.status is Status.TRACKING:
@@ -164,19 +173,36 @@ class SecondController(ABC):
 
     def _choose_by_speed(self, speed: Any) -> None:
         if speed >= self.parameter("enable_speed"):
-            self.above_enabling_speed = True
+            self.runs = True
         if speed < self.parameter("disable_speed"):
-            self.above_enabling_speed = False
+            self.runs = False
         self.status = Status.STANDBY
 
-    def _approach_zero(self, rate: Any) -> None:
+    def approach_zero(self, rate: Any) -> None:
+        """Return the angle to zero at a rate in rad/s."""
         left = abs(self.angle) - rate * self.period
         self.angle = self.real(math.copysign(max(left, self.real(0.0)), self.angle))
 
-    def _control(self, m: Measurement, runs: bool) -> Any:
-        if not runs:
-            self.start(m)
+    def _within_distance(self, m: Measurement) -> tuple[Any, bool]:
+        """Run the law; a slow car turns the rear wheels over the distance that it drives, and none at standstill."""
+        before, real = self.angle, self.real
         reference, limited = self.law(m)
+        if self.waits_for_speed or m.speed >= real(3.0) * self.parameter("slow_speed"):
+            return reference, limited
+        slow, speed = self.parameter("slow_speed"), abs(m.speed)
+        travel = self.parameter("fade_rate") * (real(0.0) if speed < real(STANDING_SPEED) else speed * self.period)
+        travel = min(travel, real(SLOW_RATE) * self.period)
+        if m.speed > slow:
+            share = (m.speed - slow) / (real(2.0) * slow)
+            travel = travel + self.parameter("rear_rate_max") * self.period * (share * share)
+        allowed = clip(self.angle, before - travel, before + travel)
+        limited, self.angle = limited or bool(allowed != self.angle), allowed
+        return reference, limited
+
+    def _control(self, m: Measurement, ran: bool) -> Any:
+        if not ran:
+            self.start(m)
+        reference, limited = self._within_distance(m)
         self.status = Status.LIMITED if limited else Status.TRACKING
         if self.quality is Quality.REPLACED:
             self.status = Status.DEGRADED
@@ -189,8 +215,9 @@ class SecondController(ABC):
         return max(m.friction, self.parameter("friction_min"))
 
     def map_yaw_rate(self, m: Measurement) -> Any:
-        """Return the reference yaw rate in rad/s for speed, front angle and friction of a sample."""
-        return self.lookup(m.speed, m.front_angle, self.friction(m), m.longitudinal_acceleration)
+        """Return the reference yaw rate in rad/s for speed, front angle and friction of a sample; in reverse the other way."""
+        size = self.lookup(abs(m.speed), m.front_angle, self.friction(m), m.longitudinal_acceleration)
+        return -size if m.speed < 0.0 else size
 
     def actuator_range(self, m: Measurement) -> tuple[Any, Any]:
         """Return the range of the demand in rad: the actuator's, limited to a distance from the measured angle."""

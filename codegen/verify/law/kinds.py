@@ -45,10 +45,10 @@ class SecondFeedforward(SecondController):
     """The map's own rear angle, at the rate limit."""
 
     def law(self, m: Measurement) -> tuple[Any, bool]:
-        yaw_rate, wanted = self.lookup.reference(m.speed, m.front_angle, self.friction(m), m.longitudinal_acceleration)
+        yaw_rate, wanted = self.lookup.reference(abs(m.speed), m.front_angle, self.friction(m), m.longitudinal_acceleration)
         bound = self.parameter("rear_angle_max")
         self.angle = self.reachable(clip(wanted, -bound, bound))
-        return yaw_rate, bool(self.angle != wanted)
+        return -yaw_rate if m.speed < 0.0 else yaw_rate, bool(self.angle != wanted)
 
 
 class SecondProportional(SecondController):

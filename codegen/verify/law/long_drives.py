@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from codegen.sil.software import Measurement, Software
+from codegen.verify.law.controller import feedback_speeds
 from codegen.verify.law.inputs import SecondInputs, Signal, strongest_braking
 from codegen.verify.law.pairs import ControllerPair, InputsPair, LimiterPair, Pair, ReceiverPair, Stretch, TaskPair
 from codegen.verify.traffic import Cycle, frames_of
@@ -82,7 +83,7 @@ class LongDrives:
 
     @property
     def _turning(self) -> list[Measurement]:
-        turn = self.turn(max(SPEED_M_S, 1.2 * self.software.parameters().enable_speed))
+        turn = self.turn(max(SPEED_M_S, 1.2 * feedback_speeds(self.software.parameters())[1]))
         return [replace(turn, yaw_rate=turn.yaw_rate + noise) for noise in YAW_RATE_NOISE]
 
     @property

@@ -9,8 +9,8 @@ from typing import Any
 
 from codegen.configuration.can import Can
 from codegen.configuration.e2e_profiles import DataId
-from codegen.emit.supervision import CAUSES, STATES, Cause, State, next_state, status_of
-from codegen.sil.software import Measurement, Status
+from codegen.emit.supervision import CAUSES, STATES, Cause, Reaction, State, next_state, status_of
+from codegen.sil.software import Command, Measurement, Status
 from codegen.verify.law.controller import SecondController
 from codegen.verify.law.inputs import Quality
 from hil_sim.codec import DIAGNOSTICS, Codec, Frame, RearSteerCommand, VehicleConditions, VehicleMotion
@@ -98,6 +98,7 @@ class SecondTask:
     _backlog: int = 0
     _disturbance: int = 0
     _samples_off: int = 0
+    _inhibited: int = 0
     _expected: Any = 0.0
     _inputs: dict[int, _Input] = field(init=False)
     _controller: SecondController = field(init=False)
@@ -129,7 +130,7 @@ class SecondTask:
             found.add(Cause.ANGLE_UNKNOWN)
         if is_good and self._is_plausible(sample.rear_angle):
             self._measured = sample.rear_angle
-        command = self._controller.step(sample)
+        command = self._rest() if self._is_inhibited_for_good(conditions) else self._controller.step(sample)
         found |= self._causes_of_controller(command.status)
         self._state = next_state(self._state, min(found))
         diagnostics |= self._of_controller(is_good)
@@ -181,6 +182,18 @@ class SecondTask:
             Cause.INHIBIT: conditions.contents is not None and conditions.contents.inhibit,
         }
         return {cause for cause, is_there in there.items() if is_there}
+
+    def _is_inhibited_for_good(self, conditions: _Input) -> bool:
+        is_inhibited = conditions.contents is not None and conditions.contents.inhibit
+        self._inhibited = min(self._inhibited, self.parameters.inhibit_samples_max) + 1 if is_inhibited else 0
+        return bool(self._inhibited > self.parameters.inhibit_samples_max)
+
+    def _rest(self) -> Command:
+        """Return the command of a sample without control: the angle returns to zero, and the controller starts anew."""
+        real, parameters = self._controller.real, self.parameters
+        self._controller.approach_zero(min(real(parameters.fail_safe_rate), real(parameters.limiter.rear_rate_max)))
+        self._controller = self.make(float(self._controller.angle))
+        return Command(float(self._controller.angle), 0.0, Status.STANDBY)
 
     def _causes_of_controller(self, status: Status) -> set[Cause]:
         """Return the causes that the status of the controller shows."""

@@ -226,12 +226,21 @@ class SecondTracking(SecondController):
     def start(self, m: Measurement) -> None:
         zero = self.real(0.0)
         self.last_front, self.front_rate, self.last_yaw_rate, self.trim = m.front_angle, zero, m.yaw_rate, zero
-        self.state = self.car_state(m.speed, m.yaw_rate)
+        self.state = self.car_state(self.model_speed(m), m.yaw_rate)
         self.previous_model_yaw_rate = self.state[1]
         self.sideslip = self.state[0]
         self.starting = True
 
-    def stand_by(self) -> None:
+    def model_speed(self, m: Measurement) -> Any:
+        """Return the speed of the model in m/s, which is not that slow."""
+        return max(m.speed, self.parameter("slow_speed"))
+
+    def feedback_share(self, m: Measurement) -> Any:
+        """Return the share of the feedback: none for a slow car and in reverse."""
+        slow = self.parameter("slow_speed")
+        return clip((m.speed - slow) / slow, self.real(0.0), self.real(1.0))
+
+    def recover_grip(self) -> None:
         self.reached = self.reached - self.parameter("grip_forgetting") * self.period * self.reached
         self.grip = min(self.grip + self.parameter("grip_recovery_idle") * self.period, self.full_grip)
 
@@ -246,47 +255,56 @@ class SecondTracking(SecondController):
             rate = (m.front_angle - self.last_front) / (self.period * self.real(self.missed + 1))
             self.front_rate = self.front_rate + p("lead_smoothing") * (rate - self.front_rate)
             self.last_front = m.front_angle
-        lead = clip(self.scheduled("lead_time", m.speed) * self.front_rate, -most, most)
+        speed = self.model_speed(m)
+        lead = clip(self.scheduled("lead_time", speed) * self.front_rate, -most, most)
         friction = self.road_friction(m)
         moving = m.longitudinal_acceleration
-        found = self.lookup.reference(m.speed, m.front_angle + lead, friction, moving)
+        found = self.lookup.reference(abs(m.speed), m.front_angle + lead, friction, moving)
         yaw_rate, rear_angle = (self.real(value) for value in found)
         own = self.state[1]
         expected = own + p("response_samples") * (own - self.previous_model_yaw_rate)
-        rear_angle = rear_angle - self.scheduled("response_gain", m.speed) * (yaw_rate - expected)
+        response = self.feedback_share(m) * self.scheduled("response_gain", speed)
+        rear_angle = rear_angle - response * (yaw_rate - expected)
         bound = p("rear_angle_max")
         road = self.lookup.lateral_acceleration(friction, moving)
         shares = self.lookup.axle_shares_at(friction, moving) if self.lookup.is_moving else [self.real(1.0)]
         return Sample(yaw_rate, clip(rear_angle, -bound, bound), road, tuple(friction * share for share in shares))
 
     def law(self, m: Measurement) -> tuple[Any, bool]:
-        sample = self.look(m)
+        sample, share, speed = self.look(m), self.feedback_share(m), self.model_speed(m)
         outward = self.observe(m)
-        reference = self.reachable_yaw_rate(sample, m, outward)
+        reference = followed = self.reachable_yaw_rate(sample, m, outward)
+        if not share > 0.0:
+            followed = -sample.yaw_rate if m.speed < 0.0 else sample.yaw_rate
         error = self.error if self.quality is Quality.MISSING else reference - m.yaw_rate
-        gain, integral_gain = (self.scheduled(name, m.speed) for name in ("proportional_gain", "integral_gain"))
+        gain, integral_gain = (self.scheduled(name, speed) for name in ("proportional_gain", "integral_gain"))
         low, high = self.feedback_range(m, sample.rear_angle, outward)
         if self.starting:
             self.integral, self.starting = self.angle - sample.rear_angle, False
         integral = self.integral if m.inhibit else self.integral - integral_gain * self.period * error
         feedback = integral - gain * error
-        limited = not low <= feedback <= high
+        limited = bool(share > 0.0) and not low <= feedback <= high
         if limited and not m.inhibit:
             deeper = integral > self.integral if feedback > high else integral < self.integral
             integral = clip(self.integral if deeper else integral, low, high)
         feedback = clip(feedback, low, high)
-        demand = sample.rear_angle + feedback
+        demand = sample.rear_angle + share * feedback
         reachable = self.reachable(demand)
         if reachable != demand:
             limited = True
             if (demand > reachable and integral > self.integral) or (demand < reachable and integral < self.integral):
                 integral = self.integral
-        self.integral, self.angle = integral, reachable
+        self.integral, self.angle = integral if share > 0.0 else self.real(0.0), reachable
+        if not share > 0.0:
+            self.sideslip = self.state[0]
         self.last_yaw_rate, self.previous_model_yaw_rate = m.yaw_rate, self.state[1]
-        self.move(m.speed, m.front_angle, sample.rear_angle, *sample.friction)
-        if not m.inhibit and self.quality is Quality.GOOD:
-            self.update_grip(m, self.state[3])
-        return reference, limited
+        self.move(speed, m.front_angle, sample.rear_angle, *sample.friction)
+        if self.quality is not Quality.MISSING:
+            if m.speed <= self.parameter("slow_speed"):
+                self.recover_grip()
+            elif not m.inhibit and self.quality is Quality.GOOD:
+                self.update_grip(m, self.state[3])
+        return followed, limited
 
     def move(self, *inputs: Any) -> None:
         """Advance the reference model by a sample with inputs as for `SecondReferenceModel`."""
@@ -303,20 +321,20 @@ class SecondTracking(SecondController):
 
     def observe(self, m: Measurement) -> Any:
         """Update the observed sideslip; return the part out of the model's turn, as a share of the largest."""
-        slowness = self.real(1.0) / m.speed
+        slowness = self.real(1.0) / self.model_speed(m)
         rate = m.lateral_acceleration * slowness - m.yaw_rate + self.real(SIDESLIP_RETURN) * (self.state[0] - self.sideslip)
         self.sideslip = within(self.sideslip + self.period * rate, self.real(SIDESLIP_MAX))[()]
         return (-self.sideslip if self.state[1] > 0.0 else self.sideslip) / self.parameter("sideslip_max")
 
     def reachable_yaw_rate(self, sample: Sample, m: Measurement, outward: Any) -> Any:
-        p, own, real = self.parameter, self.state[1], self.real
+        p, own, real, speed = self.parameter, self.state[1], self.real, self.model_speed(m)
         bound = p("trim_share") * abs(sample.yaw_rate)
         missing = clip(sample.yaw_rate - own, -bound, bound)
         self.trim = self.trim + p("trim_rate") * self.period * (missing - self.trim)
         share = clip(real(1.0) - real(LEAD_LOSS) * outward, real(0.0), real(1.0))
-        ahead = share * abs(own * m.speed - self.state[3])
-        turn = abs(m.lateral_acceleration) + ahead + max(p("turn_margin_rate") * m.speed, p("turn_margin"))
-        limit = real(1.0) / m.speed * min(real(REFERENCE_OVERSHOOT) * sample.lateral_acceleration, turn)
+        ahead = share * abs(own * speed - self.state[3])
+        turn = abs(m.lateral_acceleration) + ahead + max(p("turn_margin_rate") * speed, p("turn_margin"))
+        limit = real(1.0) / speed * min(real(REFERENCE_OVERSHOOT) * sample.lateral_acceleration, turn)
         if outward > 1.0:
             limit = max(limit - real(SIDESLIP_GAIN) * p("sideslip_max") * (outward - real(1.0)), real(0.0))
         return clip(own + self.trim, -limit, limit)
@@ -342,7 +360,7 @@ class SecondTracking(SecondController):
             low = clip(feedforward - more, low, high)
         if min(two) < 0.0 and high > feedforward + more:
             high = clip(feedforward + more, low, high)
-        travel = self.sideslip - self.car.rear_arm * (m.yaw_rate * (self.real(1.0) / m.speed))
+        travel = self.sideslip - self.car.rear_arm * (m.yaw_rate * (self.real(1.0) / self.model_speed(m)))
         slip = self.rear_slip + self.road_friction(m) * self.rear_slip_per_friction
         high = clip(travel + slip, low, high)
         low = clip(travel - slip, low, high)

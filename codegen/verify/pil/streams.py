@@ -157,19 +157,21 @@ def specials(word: Word) -> Rows:
 def _tour(config: Config) -> Samples:
     """Return samples that take the controller through every status, for the times configured."""
     controller, inputs = config.controller, config.controller.inputs
-    speed = min(2.0 * controller.enable_speed_km_h, inputs.speed_max_km_h) * KM_H
+    speed = min(2.0 * controller.feedback_speeds_km_h[1], inputs.speed_max_km_h) * KM_H
     lost = controller.fail_safe.degraded_samples_max
     wait = controller.fail_safe.recovery_samples
     straight = (speed, 0.0, 0.0, 0.0, math.nan, math.nan, 0.0)
     # A large front angle without yaw rate, so that the demand reaches its limit.
     steered = (speed, 0.5 * config.steering.front_angle_stop, 0.0, math.nan, math.nan, math.nan, 0.0)
-    slow = (0.5 * controller.disable_speed_km_h * KM_H, 0.0, 0.0, 0.0, math.nan, math.nan, 0.0)
+    slow = (0.5 * controller.feedback_speeds_km_h[0] * KM_H, 0.0, 0.0, 0.0, math.nan, math.nan, 0.0)
+    no_speed = (math.nan, 0.0, 0.0, 0.0, math.nan, math.nan, 0.0)
     gone = (math.nan, math.nan, math.nan, 0.0, math.nan, math.nan, 0.0)
     beyond = (speed, *(1.1 * np.radians([inputs.front_angle_max_deg, inputs.yaw_rate_max_deg_s])), 0.0, math.nan, math.nan, 0.0)
     first = ((slow, 3), (straight, STRETCH), (steered, 2 * STRETCH), (straight, STRETCH))
     last = ((slow, wait + 3), (straight, STRETCH), (steered, STRETCH))
     return np.concatenate(
         [
+            _legs(((no_speed, 0 if controller.waits_for_speed else wait),)),
             moving(_legs(first), config),
             _legs(((beyond, lost + 3), (straight, wait + STRETCH), (gone, lost + 3))),
             moving(_legs(last), config),

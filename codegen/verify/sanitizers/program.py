@@ -68,6 +68,7 @@ def _context(subject: Subject) -> dict[str, Any]:
     return {
         "build": {"prefix": subject.prefix, "PREFIX": subject.prefix.upper()},
         "real": c_type(precision),
+        "law": law,
         "task": task_view(config),
         "can": config.can,
         "frame_bytes": config.can.frame_bytes,

@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0x55768FEFu
+#define ARS_CAN_BUILD 0x433BA42Fu
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

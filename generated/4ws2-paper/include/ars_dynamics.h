@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0x55768FEFu
+#define ARS_DYNAMICS_BUILD 0x433BA42Fu
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0x55768FEFu
+#define ARS_INPUTS_BUILD 0x433BA42Fu
 
 /* Measurements of one sample. A value that is not available is NaN. */
 typedef struct {

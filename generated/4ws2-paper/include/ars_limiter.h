@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x55768FEFu
+#define ARS_LIMITER_BUILD 0x433BA42Fu
 
 enum { ARS_LIMITER_POINTS = 6 };
 

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x55768FEFu
+#define ARS_MAP_BUILD 0x433BA42Fu
 
 /* Numbers of breakpoints. */
 enum {

@@ -15,10 +15,10 @@
 #include "ars_inputs.h"
 #include "ars_limiter.h"
 
-#if ARS_INPUTS_BUILD != 0x55768FEFu
+#if ARS_INPUTS_BUILD != 0x433BA42Fu
 #error "ars_inputs.h and this source come from different builds"
 #endif
-#if ARS_LIMITER_BUILD != 0x55768FEFu
+#if ARS_LIMITER_BUILD != 0x433BA42Fu
 #error "ars_limiter.h and this source come from different builds"
 #endif
 
@@ -26,7 +26,7 @@
 extern "C" {
 #endif
 
-#define ARS_PARAMETERS_BUILD 0x55768FEFu
+#define ARS_PARAMETERS_BUILD 0x433BA42Fu
 
 /* Calibration parameters. Call ars_parameters_valid() after each change. */
 typedef struct {
@@ -43,6 +43,7 @@ typedef struct {
     float actuator_share;               /* of the way to the command that the actuator goes in a sample */
     float actuator_error_max;           /* rad, tolerated error, in addition to twice the remaining way */
     uint16_t actuator_samples_max;      /* samples off, less others, then it is stuck */
+    uint16_t inhibit_samples_max;       /* consecutive samples with Inhibit, then it is set for good */
     ars_inputs_parameters_t inputs;     /* of the plausibility checks */
     ars_limiter_parameters_t limiter;   /* of the safety limiter */
 } ars_parameters_t;

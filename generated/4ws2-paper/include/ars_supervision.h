@@ -11,7 +11,7 @@
  *     DEGRADED       DEGRADED   the command of the control law
  *     LOST           FAIL_SAFE  the command returns to zero at a limited rate
  *     RESYNCHRONISE  FAIL_SAFE  no command ("not available"), the actuator holds its angle
- *     STANDBY        STANDBY    the command returns to zero at a limited rate
+ *     STANDBY        STANDBY    the command returns to zero at a limited rate; before the first speed, it is held
  *     INHIBITED      TRACKING   the command of the control law
  *
  * TRACKING becomes LIMITED while the command is at a limit. While a cause holds the integrator, the law keeps what it has learned.
@@ -27,7 +27,7 @@
 
 #include "ars_controller.h"
 
-#if ARS_CONTROLLER_BUILD != 0x55768FEFu
+#if ARS_CONTROLLER_BUILD != 0x433BA42Fu
 #error "ars_controller.h and this source come from different builds"
 #endif
 
@@ -35,7 +35,7 @@
 extern "C" {
 #endif
 
-#define ARS_SUPERVISION_BUILD 0x55768FEFu
+#define ARS_SUPERVISION_BUILD 0x433BA42Fu
 
 /* State of the supervision. */
 typedef enum {
@@ -45,7 +45,7 @@ typedef enum {
     ARS_SUPERVISION_DEGRADED = 3,      /* a signal is replaced, or the loop is impaired */
     ARS_SUPERVISION_LOST = 4,          /* neither front angle nor yaw rate is valid */
     ARS_SUPERVISION_RESYNCHRONISE = 5, /* after a silence, the rear angle is not yet measured again */
-    ARS_SUPERVISION_STANDBY = 6,       /* the controller is in standby */
+    ARS_SUPERVISION_STANDBY = 6,       /* without control */
     ARS_SUPERVISION_INHIBITED = 7      /* the car inhibits the integrator */
 } ars_supervision_state_t;
 
@@ -53,7 +53,7 @@ typedef enum {
 typedef enum {
     ARS_CAUSE_ANGLE_UNKNOWN = 0,      /* no rear angle to start from, at the start or after a silence */
     ARS_CAUSE_SAMPLE_LOST = 1,        /* front angle and yaw rate are lost or rejected */
-    ARS_CAUSE_STANDBY = 2,            /* the controller is in standby */
+    ARS_CAUSE_STANDBY = 2,            /* there was no speed yet, or the car has set Inhibit for good; with kind `pi`, also below its enabling speed */
     ARS_CAUSE_SAMPLE_MISSING = 3,     /* a signal is missing, for a tolerated time so far */
     ARS_CAUSE_SIGNAL_REPLACED = 4,    /* a signal is rejected and computed from the others */
     ARS_CAUSE_ACTUATOR_STUCK = 5,     /* the rear angle does not follow the command */

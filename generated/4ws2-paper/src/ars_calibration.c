@@ -18,13 +18,13 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONSTANTS_BUILD != 0x55768FEFu
+#if ARS_CONSTANTS_BUILD != 0x433BA42Fu
 #error "ars_constants.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0x55768FEFu
+#if ARS_CONTROLLER_BUILD != 0x433BA42Fu
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x55768FEFu
+#if ARS_MAP_BUILD != 0x433BA42Fu
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -42,6 +42,7 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     .actuator_share = 0.18126924f,
     .actuator_error_max = 0.0061086523f,
     .actuator_samples_max = 73u,
+    .inhibit_samples_max = 1000u,
     .inputs = {
         .speed_max = 111.111115f,
         .front_angle_max = 0.7853982f,
@@ -79,9 +80,9 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     }
 };
 
-ARS_SECTION_CALIBRATION const char ars_epk[9] = "55768FEF";
+ARS_SECTION_CALIBRATION const char ars_epk[9] = "433BA42F";
 
-ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0xD833348Fu;
+ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0x3D9E76A7u;
 
 /* Speed: 102 breakpoints from 0 to 33.33 m/s: one of 5.556, 100 cells of 0.277778. */
 ARS_SECTION_CALIBRATION

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0x55768FEFu
+#if ARS_CONTROLLER_BUILD != 0x433BA42Fu
 #error "ars_controller.h and this source come from different builds"
 #endif
 

@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0x55768FEFu
+#if ARS_DYNAMICS_BUILD != 0x433BA42Fu
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

@@ -12,13 +12,13 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0x55768FEFu
+#if ARS_CHECKSUM_BUILD != 0x433BA42Fu
 #error "ars_checksum.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x55768FEFu
+#if ARS_MAP_BUILD != 0x433BA42Fu
 #error "ars_map.h and this source come from different builds"
 #endif
-#if ARS_PARAMETERS_BUILD != 0x55768FEFu
+#if ARS_PARAMETERS_BUILD != 0x433BA42Fu
 #error "ars_parameters.h and this source come from different builds"
 #endif
 
@@ -55,6 +55,8 @@ ARS_SECTION_CODE bool ars_parameters_valid(const ars_parameters_t *parameters)
         && (parameters->inputs.front_angle_max <= parameters->limiter.front_angle_max)
         && (parameters->actuator_samples_max >= 1u)
         && (parameters->actuator_samples_max <= 60000u)
+        && (parameters->inhibit_samples_max >= 1u)
+        && (parameters->inhibit_samples_max <= 60000u)
         && (parameters->limiter.rear_angle_max <= parameters->rear_angle_max)
         && ars_inputs_parameters_valid(&parameters->inputs)
         && ars_limiter_parameters_valid(&parameters->limiter)
@@ -80,6 +82,7 @@ ARS_SECTION_CODE uint32_t ars_parameters_crc(uint32_t start)
     crc = ars_checksum_real(crc, parameters->actuator_share);
     crc = ars_checksum_real(crc, parameters->actuator_error_max);
     crc = ars_checksum_whole(crc, parameters->actuator_samples_max);
+    crc = ars_checksum_whole(crc, parameters->inhibit_samples_max);
     crc = ars_checksum_real(crc, parameters->inputs.speed_max);
     crc = ars_checksum_real(crc, parameters->inputs.front_angle_max);
     crc = ars_checksum_real(crc, parameters->inputs.yaw_rate_max);

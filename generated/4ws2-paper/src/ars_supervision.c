@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_SUPERVISION_BUILD != 0x55768FEFu
+#if ARS_SUPERVISION_BUILD != 0x433BA42Fu
 #error "ars_supervision.h and this source come from different builds"
 #endif
 

@@ -19,10 +19,10 @@
 #include "ars_map.h"
 #include "ars_task.h"
 
-#if ARS_MAP_BUILD != 0x55768FEFu
+#if ARS_MAP_BUILD != 0x433BA42Fu
 #error "ars_map.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0x55768FEFu
+#if ARS_TASK_BUILD != 0x433BA42Fu
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -148,6 +148,8 @@ static inline bool ars_parameters_holds(const ars_parameters_t *value)
         && lies_between(value->actuator_error_max, 1.0e-04f, 1.5f)
         && (value->actuator_samples_max >= 1u)
         && (value->actuator_samples_max <= 60000u)
+        && (value->inhibit_samples_max >= 1u)
+        && (value->inhibit_samples_max <= 60000u)
         && (value->rear_angle_max <= value->inputs.rear_angle_max)
         && (value->disable_speed < value->enable_speed)
         && (value->inputs.speed_max <= value->limiter.speed_max)
@@ -283,6 +285,7 @@ static inline bool ars_task_holds(const ars_task_t *value)
         && (value->counter <= 14u)
         && ((value->backlog <= 80u) && (value->disturbance <= 80u))
         && (value->actuator_samples <= 60001u)
+        && (value->inhibited_samples <= 60001u)
         && lies_within(value->expected_angle, 0.7853982f)
         && lies_within(value->measured_angle, 0.7853982f)
         && ars_supervision_holds(&value->supervision)
@@ -1067,7 +1070,7 @@ static inline void ars_task_10ms_ensures(const ars_task_t *self, const uint8_t d
     CONTRACT_ENSURE(!(((self_before->supervision.state == ARS_SUPERVISION_START) || (self_before->supervision.state == ARS_SUPERVISION_RESYNCHRONISE)) || ((self_before->silent_calls > self->parameters->inputs.missing_samples_max) && ((self_before->motion_input.frames > 0u) || (self_before->conditions_input.frames > 0u)) && self_before->has_measured)) || (!self->supervision.has_command) || (self->controller.rear_angle <= (self->expected_angle + (self->parameters->limiter.rear_rate_max * 0.01f))) || (self->controller.rear_angle == -self->parameters->limiter.rear_angle_max), "from the start angle, it rises by at most rear_rate_max, or to -rear_angle_max");
     CONTRACT_ENSURE(!(((self_before->supervision.state == ARS_SUPERVISION_START) || (self_before->supervision.state == ARS_SUPERVISION_RESYNCHRONISE)) || ((self_before->silent_calls > self->parameters->inputs.missing_samples_max) && ((self_before->motion_input.frames > 0u) || (self_before->conditions_input.frames > 0u)) && self_before->has_measured)) || (!self->supervision.has_command) || ((self->expected_angle - (self->parameters->limiter.rear_rate_max * 0.01f)) <= self->controller.rear_angle) || (self->controller.rear_angle == self->parameters->limiter.rear_angle_max), "from the start angle, it falls by at most rear_rate_max, or to rear_angle_max");
     CONTRACT_ENSURE(!(((self_before->supervision.state == ARS_SUPERVISION_START) || (self_before->supervision.state == ARS_SUPERVISION_RESYNCHRONISE)) || ((self_before->silent_calls > self->parameters->inputs.missing_samples_max) && ((self_before->motion_input.frames > 0u) || (self_before->conditions_input.frames > 0u)) && self_before->has_measured)) || (!self->supervision.has_command) || !self->has_measured || (self->expected_angle == held_within(self->measured_angle, 0.061086524f)), "the start angle is the measured one, or the last measured one");
-    CONTRACT_ENSURE((((self_before->supervision.state == ARS_SUPERVISION_START) || (self_before->supervision.state == ARS_SUPERVISION_RESYNCHRONISE)) || ((self_before->silent_calls > self->parameters->inputs.missing_samples_max) && ((self_before->motion_input.frames > 0u) || (self_before->conditions_input.frames > 0u)) && self_before->has_measured)) || !((self->supervision.state == ARS_SUPERVISION_LOST) || (self->supervision.state == ARS_SUPERVISION_STANDBY)) || (magnitude_of(self->controller.rear_angle) <= magnitude_of(self_before->controller.rear_angle)), "where the table ramps, the magnitude of the command does not grow");
+    CONTRACT_ENSURE((((self_before->supervision.state == ARS_SUPERVISION_START) || (self_before->supervision.state == ARS_SUPERVISION_RESYNCHRONISE)) || ((self_before->silent_calls > self->parameters->inputs.missing_samples_max) && ((self_before->motion_input.frames > 0u) || (self_before->conditions_input.frames > 0u)) && self_before->has_measured)) || !((self->supervision.state == ARS_SUPERVISION_LOST) || (self->supervision.state == ARS_SUPERVISION_STANDBY)) || (magnitude_of(self->controller.rear_angle) <= magnitude_of(self_before->controller.rear_angle)), "without control the magnitude of the command does not grow");
     CONTRACT_ENSURE(!(!self->supervision.has_command) || (code_in(data, 16u, 16u, false) == ((uint32_t)-32768 & 0xFFFFu)), "without a known rear angle the frame has no command");
 }
 

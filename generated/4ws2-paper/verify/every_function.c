@@ -16,7 +16,7 @@
 #include "ars_dynamics.h"
 #include "ars_map.h"
 
-#if ARS_TASK_BUILD != 0x55768FEFu
+#if ARS_TASK_BUILD != 0x433BA42Fu
 #error "ars_task.h and this source come from different builds"
 #endif
 

@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0x8DDD4CE4u
+#define ARS_CAN_BUILD 0xCB9AC020u
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

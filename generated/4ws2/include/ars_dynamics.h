@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0x8DDD4CE4u
+#define ARS_DYNAMICS_BUILD 0xCB9AC020u
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

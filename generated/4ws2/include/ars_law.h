@@ -18,13 +18,13 @@
 #include "ars_parameters.h"
 #include "ars_reference_model.h"
 
-#if ARS_INPUTS_BUILD != 0x8DDD4CE4u
+#if ARS_INPUTS_BUILD != 0xCB9AC020u
 #error "ars_inputs.h and this source come from different builds"
 #endif
-#if ARS_PARAMETERS_BUILD != 0x8DDD4CE4u
+#if ARS_PARAMETERS_BUILD != 0xCB9AC020u
 #error "ars_parameters.h and this source come from different builds"
 #endif
-#if ARS_REFERENCE_MODEL_BUILD != 0x8DDD4CE4u
+#if ARS_REFERENCE_MODEL_BUILD != 0xCB9AC020u
 #error "ars_reference_model.h and this source come from different builds"
 #endif
 
@@ -32,7 +32,7 @@
 extern "C" {
 #endif
 
-#define ARS_LAW_BUILD 0x8DDD4CE4u
+#define ARS_LAW_BUILD 0xCB9AC020u
 
 /* Phase of the law in a sample. */
 typedef enum {
@@ -68,7 +68,7 @@ void ars_law_init(ars_law_t *self, float rear_angle);
  * Compute one sample of the law and set self->is_limited if a limit was active. No pointer may be null, and parameters must be valid.
  * With arguments in these ranges the result is finite.
  *
- * sample:         as ars_inputs_step() returns it: speed from 0.01 to 200 m/s, front angle within +-1.5 rad,
+ * sample:         as ars_inputs_step() returns it: speed from -200 to 200 m/s, front angle within +-1.5 rad,
  *                 yaw rate within +-20 rad/s, and any rear angle.
  * friction:       peak friction coefficient of the road, above zero.
  * rear_angle:     rad, the last command, within +-1.

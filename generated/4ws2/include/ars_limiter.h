@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x8DDD4CE4u
+#define ARS_LIMITER_BUILD 0xCB9AC020u
 
 enum { ARS_LIMITER_POINTS = 6 };
 

@@ -20,11 +20,11 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x8DDD4CE4u
+#define ARS_MAP_BUILD 0xCB9AC020u
 
 /* Numbers of breakpoints. */
 enum {
-    ARS_MAP_SPEED_POINTS = 102,
+    ARS_MAP_SPEED_POINTS = 119,
     ARS_MAP_FRONT_ANGLE_POINTS = 102
 };
 

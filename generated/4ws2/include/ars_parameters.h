@@ -15,10 +15,10 @@
 #include "ars_inputs.h"
 #include "ars_limiter.h"
 
-#if ARS_INPUTS_BUILD != 0x8DDD4CE4u
+#if ARS_INPUTS_BUILD != 0xCB9AC020u
 #error "ars_inputs.h and this source come from different builds"
 #endif
-#if ARS_LIMITER_BUILD != 0x8DDD4CE4u
+#if ARS_LIMITER_BUILD != 0xCB9AC020u
 #error "ars_limiter.h and this source come from different builds"
 #endif
 
@@ -26,7 +26,7 @@
 extern "C" {
 #endif
 
-#define ARS_PARAMETERS_BUILD 0x8DDD4CE4u
+#define ARS_PARAMETERS_BUILD 0xCB9AC020u
 
 enum { ARS_SCHEDULE_POINTS = 8 };
 
@@ -57,13 +57,13 @@ typedef struct {
     float rear_angle_max;               /* rad, bound of the command, at most the actuator's largest angle */
     float rear_rate_max;                /* rad/s, bound on the command's rate */
     float friction_min;                 /* a lower estimate counts as this */
-    float enable_speed;                 /* m/s, control starts from here */
-    float disable_speed;                /* m/s, standby below */
-    float standby_rate;                 /* rad/s, return to zero in standby */
+    float slow_speed;                   /* m/s, no feedback below and in reverse, whole from twice it on */
+    float fade_rate;                    /* rad/m, largest change of the command for each metre below slow_speed */
     float fail_safe_rate;               /* rad/s, return to zero in fail-safe */
     float actuator_share;               /* of the way to the command that the actuator goes in a sample */
     float actuator_error_max;           /* rad, tolerated error, in addition to twice the remaining way */
     uint16_t actuator_samples_max;      /* samples off, less others, then it is stuck */
+    uint16_t inhibit_samples_max;       /* consecutive samples with Inhibit, then it is set for good */
     ars_inputs_parameters_t inputs;     /* of the plausibility checks */
     ars_limiter_parameters_t limiter;   /* of the safety limiter */
 } ars_parameters_t;

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0x8DDD4CE4u
+#if ARS_CONTROLLER_BUILD != 0xCB9AC020u
 #error "ars_controller.h and this source come from different builds"
 #endif
 
@@ -67,19 +67,55 @@ ARS_SECTION_CODE static float toward_zero(float value, float step)
     return result;
 }
 
-/* Enable control from the enabling speed and disable it below the disabling speed. */
-ARS_SECTION_CODE static void choose_by_speed(ars_controller_t *self, const ars_parameters_t *parameters, float speed)
+/* Start with the first speed. One that was never measured, or was lost until its substitute fell to zero, tells nothing. */
+ARS_SECTION_CODE static void start_with_speed(ars_controller_t *self)
 {
-    if (speed >= parameters->enable_speed) {
+    if ((self->inputs.speed.source == ARS_SIGNAL_MEASURED) || (magnitude(self->sample.speed) > 0.0f)) {
         self->enabled = true;
-    } else if (speed < parameters->disable_speed) {
-        self->enabled = false;
-    } else {
-        /* hysteresis */
-    }
-    if (!self->enabled) {
+    } else if (!self->enabled) {
         self->status = ARS_STATUS_STANDBY;
+    } else {
+        /* it has started */
     }
+}
+
+/* m/s. A slower car counts as standing: its wheels would scrub. */
+ARS_SECTION_CONST static const float standing_speed = 0.1f;
+
+/* rad/s, so that the curvature changes gently where a car starts with turned wheels. */
+ARS_SECTION_CONST static const float slow_rate = 0.033161256f;
+
+/* Largest change of the command in a sample of a slow car, in rad: it builds up over the distance driven, so that the rear of the car
+ * does not swing out, and gently. From slow_speed on, and up to three times of it, the rate limit of the law replaces that. */
+ARS_SECTION_CODE static float slow_step(const ars_parameters_t *parameters, float speed)
+{
+    const float distance = (magnitude(speed) < standing_speed) ? 0.0f : (magnitude(speed) * sampling_time);
+    float step = parameters->fade_rate * distance;
+
+    if (step > (slow_rate * sampling_time)) {
+        step = slow_rate * sampling_time;
+    }
+    if (speed > parameters->slow_speed) {
+        const float share = (speed - parameters->slow_speed) / (2.0f * parameters->slow_speed);
+
+        step += (parameters->rear_rate_max * sampling_time) * (share * share); /* begins gently */
+    }
+    return step;
+}
+
+/* Return the value within a step of the last command. */
+ARS_SECTION_CODE static float within_step(float value, float last, float step)
+{
+    float result = value;
+
+    if (value > (last + step)) {
+        result = last + step;
+    } else if (value < (last - step)) {
+        result = last - step;
+    } else {
+        /* within */
+    }
+    return result;
 }
 
 /* Run the control law for one checked sample. */
@@ -90,35 +126,42 @@ ARS_SECTION_CODE static void control(
     const float friction = ars_grip_friction(&self->grip, parameters, sample->friction);
     const ars_law_output_t output
         = ars_law_step(&self->law, parameters, sample, phase, friction, self->rear_angle, self->yaw_rate_error);
+    bool is_slowed = false;
 
-    self->rear_angle = output.rear_angle;
+    if (sample->speed < (3.0f * parameters->slow_speed)) {
+        const float angle = within_step(output.rear_angle, self->rear_angle, slow_step(parameters, sample->speed));
+
+        is_slowed = (angle > output.rear_angle) || (angle < output.rear_angle);
+        self->rear_angle = angle;
+    } else {
+        self->rear_angle = output.rear_angle;
+    }
     self->yaw_rate_reference = output.yaw_rate_reference;
     if (phase != ARS_LAW_PREDICTS) {
         self->yaw_rate_error = output.yaw_rate_reference - sample->yaw_rate;
         if (self->quality == ARS_QUALITY_REPLACED) {
             self->status = ARS_STATUS_DEGRADED;
         } else {
-            self->status = self->law.is_limited ? ARS_STATUS_LIMITED : ARS_STATUS_TRACKING;
+            self->status = (self->law.is_limited || is_slowed) ? ARS_STATUS_LIMITED : ARS_STATUS_TRACKING;
         }
-        if (!sample->inhibit && (self->quality == ARS_QUALITY_GOOD)) {
+        if (sample->speed <= parameters->slow_speed) { /* the model is not that slow */
+            ars_grip_recover(&self->grip, parameters);
+        } else if (!sample->inhibit && (self->quality == ARS_QUALITY_GOOD)) {
             ars_grip_update(&self->grip, parameters, self->law.model.lateral_acceleration, sample->lateral_acceleration);
+        } else {
+            /* nothing is learned from such a sample */
         }
     }
 }
 
-/* Move the rear angle in a sample without control. In standby and fail-safe it returns to zero at a limited rate: at speed, a sudden
- * return can spin the car, and so can a held angle when the driver steers back. */
+/* Move the rear angle in a sample without control. In fail-safe it returns to zero at a limited rate: at speed, a sudden return can spin
+ * the car, and so can a held angle when the driver steers back. Before the first speed, in standby, it is held. */
 ARS_SECTION_CODE static void rest(ars_controller_t *self, const ars_parameters_t *parameters)
 {
     self->yaw_rate_reference = 0.0f;
     self->yaw_rate_error = 0.0f;
-    if (self->status == ARS_STATUS_STANDBY) {
-        self->rear_angle = toward_zero(self->rear_angle, parameters->standby_rate * sampling_time);
-        ars_grip_recover(&self->grip, parameters);
-    } else if (self->status == ARS_STATUS_FAIL_SAFE) {
+    if (self->status == ARS_STATUS_FAIL_SAFE) {
         self->rear_angle = toward_zero(self->rear_angle, parameters->fail_safe_rate * sampling_time);
-    } else {
-        /* degraded before control was enabled: hold the angle */
     }
     ars_law_rest(
         &self->law, &self->sample, ars_grip_friction(&self->grip, parameters, self->sample.friction), self->rear_angle);
@@ -224,15 +267,12 @@ ARS_SECTION_CODE ars_command_t ars_controller_step(
         self->status = ARS_STATUS_FAIL_SAFE;
         self->enabled = false;
     } else if (self->quality == ARS_QUALITY_MISSING) {
-        if (self->status != ARS_STATUS_FAIL_SAFE) {
+        if (self->enabled) {
             self->status = ARS_STATUS_DEGRADED;
-        }
-        if (self->sample.speed < parameters->disable_speed) {
-            self->enabled = false;
         }
         phase = ARS_LAW_PREDICTS; /* the last measurement replaces the missing one */
     } else {
-        choose_by_speed(self, parameters, self->sample.speed);
+        start_with_speed(self);
     }
     if (self->enabled) {
         control(self, parameters, phase);

@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0x8DDD4CE4u
+#if ARS_DYNAMICS_BUILD != 0xCB9AC020u
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_E2E_BUILD != 0x8DDD4CE4u
+#if ARS_E2E_BUILD != 0xCB9AC020u
 #error "ars_e2e.h and this source come from different builds"
 #endif
 

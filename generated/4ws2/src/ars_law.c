@@ -10,13 +10,13 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONSTANTS_BUILD != 0x8DDD4CE4u
+#if ARS_CONSTANTS_BUILD != 0xCB9AC020u
 #error "ars_constants.h and this source come from different builds"
 #endif
-#if ARS_LAW_BUILD != 0x8DDD4CE4u
+#if ARS_LAW_BUILD != 0xCB9AC020u
 #error "ars_law.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x8DDD4CE4u
+#if ARS_MAP_BUILD != 0xCB9AC020u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -81,7 +81,8 @@ ARS_SECTION_CODE static float command_step(const ars_parameters_t *parameters)
 
 /* Control law "tracking": rear_angle = feedforward - (Kp error + Ki integral of error). The feedforward is the rear angle of the map
  * with lead on the front angle. The error is the difference to the yaw rate that the reference model reaches with it. The integral
- * is stored as a rear angle in rad, with its sign. */
+ * is stored as a rear angle in rad, with its sign. Feedback fades in between slow_speed and twice slow_speed; slower and in reverse
+ * the rear angle is that of the map. */
 
 /* Rate in 1/s at which the observed sideslip returns to that of the model: it forgets what an offset of the acceleration integrates to. */
 ARS_SECTION_CONST static const float sideslip_return = 0.4f;
@@ -109,6 +110,24 @@ typedef struct {
     float low;
     float high;
 } range_t;
+
+/* Yaw rate of a car with these steering angles: in reverse it turns to the other side. */
+ARS_SECTION_CODE static float in_direction(float yaw_rate, float speed)
+{
+    return (speed < 0.0f) ? -yaw_rate : yaw_rate;
+}
+
+/* Share of the feedback at a speed. */
+ARS_SECTION_CODE static float feedback_share(const ars_parameters_t *parameters, float speed)
+{
+    return clamp((speed - parameters->slow_speed) / parameters->slow_speed, 0.0f, 1.0f);
+}
+
+/* Speed of the model, which is not that slow. */
+ARS_SECTION_CODE static float model_speed(const ars_parameters_t *parameters, float speed)
+{
+    return (speed > parameters->slow_speed) ? speed : parameters->slow_speed;
+}
 
 ARS_SECTION_CODE static float interpolated(const float values[], uint32_t lower, float fraction)
 {
@@ -166,7 +185,7 @@ ARS_SECTION_CODE void ars_law_init(ars_law_t *self, float rear_angle)
  * still lack when the actuator has responded. */
 ARS_SECTION_CODE static ars_map_reference_t reference_ahead(
     ars_law_t *self, const ars_parameters_t *parameters, const ars_measurement_t *sample, const gains_t *gains,
-    float friction, ars_law_phase_t phase)
+    float fade, float friction, ars_law_phase_t phase)
 {
     ars_map_reference_t reference;
     float lead;
@@ -183,22 +202,23 @@ ARS_SECTION_CODE static ars_map_reference_t reference_ahead(
         self->missed_samples = 0u;
     }
     lead = bounded(gains->lead_time * self->front_rate, parameters->lead_angle_max);
-    reference = ars_map_reference(sample->speed, sample->front_angle + lead, friction);
+    reference = ars_map_reference(magnitude(sample->speed), sample->front_angle + lead, friction);
     expected_yaw_rate = self->model.yaw_rate
         + (parameters->response_samples * (self->model.yaw_rate - self->previous_model_yaw_rate));
-    reference.rear_angle -= gains->response * (reference.yaw_rate - expected_yaw_rate);
+    reference.rear_angle -= (fade * gains->response) * (reference.yaw_rate - expected_yaw_rate);
     reference.rear_angle = bounded(reference.rear_angle, parameters->rear_angle_max);
     return reference;
 }
 
 /* Start the model from the measured motion, so that the command does not jump. */
-ARS_SECTION_CODE static void start_law(ars_law_t *self, const ars_measurement_t *sample, float rear_angle)
+ARS_SECTION_CODE static void start_law(
+    ars_law_t *self, const ars_measurement_t *sample, float speed, float rear_angle)
 {
     self->front_angle = sample->front_angle;
     self->front_rate = 0.0f;
     self->yaw_rate = sample->yaw_rate;
     self->trim = 0.0f;
-    ars_reference_model_start(&self->model, sample->speed, sample->yaw_rate, rear_angle);
+    ars_reference_model_start(&self->model, speed, sample->yaw_rate, rear_angle);
     self->previous_model_yaw_rate = self->model.yaw_rate;
     self->sideslip = self->model.sideslip_angle;
 }
@@ -220,16 +240,17 @@ ARS_SECTION_CODE static float not_negative(float value)
 
 /* Yaw rate that the car can reach now: that of the model plus a bounded trim, which moves slowly towards the map. It leads the turn that
  * the measured lateral acceleration gives by no more than the model does, and a margin: where the tyres give no more force, a higher
- * yaw rate is only sideslip. outward: sideslip out of the turn, as a share of sideslip_max; 0 for one into the turn. share: 1 - outward. */
+ * yaw rate is only sideslip. speed: of the model. outward: sideslip out of the turn, as a share of sideslip_max; 0 for one into the
+ * turn. share: 1 - outward. */
 ARS_SECTION_CODE static float reachable_yaw_rate(
     ars_law_t *self, const ars_parameters_t *parameters, const ars_map_reference_t *map,
-    const ars_measurement_t *sample, float slowness, float outward, float share)
+    const ars_measurement_t *sample, float speed, float slowness, float outward, float share)
 {
     const float trim_max = parameters->trim_share * magnitude(map->yaw_rate);
     const float trim_demand = bounded(map->yaw_rate - self->model.yaw_rate, trim_max);
-    const float lead = magnitude((self->model.yaw_rate * sample->speed) - self->model.lateral_acceleration);
+    const float lead = magnitude((self->model.yaw_rate * speed) - self->model.lateral_acceleration);
     const float lead_share = not_negative(1.0f - (lead_loss * outward));
-    const float margin = parameters->turn_margin_rate * sample->speed;
+    const float margin = parameters->turn_margin_rate * speed;
     const float turn_max = (magnitude(sample->lateral_acceleration) + (lead_share * lead))
         + ((margin > parameters->turn_margin) ? margin : parameters->turn_margin);
     const float road_max = reference_overshoot * map->lateral_acceleration_max;
@@ -279,10 +300,12 @@ ARS_SECTION_CODE static ars_law_output_t track(
     ars_law_t *self, const ars_parameters_t *parameters, const ars_measurement_t *sample, ars_law_phase_t phase,
     float friction, float rear_angle, float yaw_rate_error)
 {
-    const float slowness = 1.0f / sample->speed;
-    const gains_t gains = gains_at(parameters, sample->speed);
-    const ars_map_reference_t map = reference_ahead(self, parameters, sample, &gains, friction, phase);
-    const ars_reference_model_input_t input = { sample->speed, sample->front_angle, map.rear_angle, friction };
+    const float speed = model_speed(parameters, sample->speed);
+    const float slowness = 1.0f / speed;
+    const float fade = feedback_share(parameters, sample->speed);
+    const gains_t gains = gains_at(parameters, speed);
+    const ars_map_reference_t map = reference_ahead(self, parameters, sample, &gains, fade, friction, phase);
+    const ars_reference_model_input_t input = { speed, sample->front_angle, map.rear_angle, friction };
     /* On a slippery road the peak force comes at the same slip, or at less in proportion to the friction; between both. */
     const float rear_slip_max = ars_constants.rear_slip_least + (friction * ars_constants.rear_slip_per_friction);
     const float command_step_max = command_step(parameters);
@@ -301,12 +324,12 @@ ARS_SECTION_CODE static ars_law_output_t track(
     observe_sideslip(self, sample, slowness);
     outward = not_negative((self->model.yaw_rate > 0.0f) ? -self->sideslip : self->sideslip) / parameters->sideslip_max;
     share = 1.0f - outward;
-    reference = reachable_yaw_rate(self, parameters, &map, sample, slowness, outward, share);
+    reference = reachable_yaw_rate(self, parameters, &map, sample, speed, slowness, outward, share);
     /* Without a new sample the last error is kept: the car is assumed to move with the model. */
     error = (phase == ARS_LAW_PREDICTS) ? yaw_rate_error : (reference - sample->yaw_rate);
     proportional = gains.proportional * error;
     range = feedback_range(self, parameters, sample, map.rear_angle, rear_slip_max, slowness, share);
-    output.yaw_rate_reference = reference;
+    output.yaw_rate_reference = (fade > 0.0f) ? reference : in_direction(map.yaw_rate, sample->speed);
     if (phase == ARS_LAW_STARTS) {
         self->integral = rear_angle - map.rear_angle; /* bumpless: the first demand is the present command */
     }
@@ -317,10 +340,10 @@ ARS_SECTION_CODE static ars_law_output_t track(
     feedback = integral - proportional;
     if (feedback > range.high) {
         feedback = range.high;
-        limited = true;
+        limited = fade > 0.0f;
     } else if (feedback < range.low) {
         feedback = range.low;
-        limited = true;
+        limited = fade > 0.0f;
     } else {
         /* within the range */
     }
@@ -330,7 +353,7 @@ ARS_SECTION_CODE static ars_law_output_t track(
         integral = clamp(self->integral, range.low, range.high);
     }
 
-    rear_angle_demand = map.rear_angle + feedback;
+    rear_angle_demand = map.rear_angle + (fade * feedback);
     /* Anti-windup: at the rate limit the integral must not move further ahead of the command. */
     if (rear_angle_demand > (rear_angle + command_step_max)) {
         output.rear_angle = rear_angle + command_step_max;
@@ -343,7 +366,12 @@ ARS_SECTION_CODE static ars_law_output_t track(
     } else {
         output.rear_angle = rear_angle_demand;
     }
-    self->integral = integral;
+    if (fade > 0.0f) {
+        self->integral = integral;
+    } else { /* nothing is left to forget when feedback comes back */
+        self->integral = 0.0f;
+        self->sideslip = self->model.sideslip_angle;
+    }
     self->yaw_rate = sample->yaw_rate;
     self->is_limited = limited;
     self->previous_model_yaw_rate = self->model.yaw_rate;
@@ -356,7 +384,7 @@ ARS_SECTION_CODE ars_law_output_t ars_law_step(
     float friction, float rear_angle, float yaw_rate_error)
 {
     if (phase == ARS_LAW_STARTS) {
-        start_law(self, sample, rear_angle);
+        start_law(self, sample, model_speed(parameters, sample->speed), rear_angle);
     }
     return track(self, parameters, sample, phase, friction, rear_angle, yaw_rate_error);
 }

@@ -12,13 +12,13 @@
 #include "ars_constants.h"
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0x8DDD4CE4u
+#if ARS_CHECKSUM_BUILD != 0xCB9AC020u
 #error "ars_checksum.h and this source come from different builds"
 #endif
-#if ARS_CONSTANTS_BUILD != 0x8DDD4CE4u
+#if ARS_CONSTANTS_BUILD != 0xCB9AC020u
 #error "ars_constants.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x8DDD4CE4u
+#if ARS_MAP_BUILD != 0xCB9AC020u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -60,11 +60,11 @@ ARS_SECTION_CODE static float magnitude(float value)
 ARS_SECTION_CODE static position_t locate_speed(float speed)
 {
     const float *const breakpoints = ars_map_speed_breakpoints;
-    const float steps = ((speed - breakpoints[1]) / (breakpoints[101] - breakpoints[1])) * 100.0f;
+    const float steps = ((speed - breakpoints[1]) / (breakpoints[118] - breakpoints[1])) * 117.0f;
     position_t position = { 0u, 0.0f };
 
-    if (steps >= 100.0f) {
-        position.lower = 100u;
+    if (steps >= 117.0f) {
+        position.lower = 117u;
         position.fraction = 1.0f;
     } else if (speed >= breakpoints[1]) {
         const uint32_t whole = (uint32_t)steps;
@@ -185,7 +185,7 @@ ARS_SECTION_CODE static float capped_rear_angle(float rear_angle, float yaw_rate
 {
     const float understeer_coefficient = ars_constants.understeer_coefficient;
     const float rear_slip_per_lateral_acceleration = ars_constants.rear_slip_per_lateral_acceleration;
-    const float speed_max = ars_map_speed_breakpoints[101];
+    const float speed_max = ars_map_speed_breakpoints[118];
     const float bounded_speed = (speed > speed_max) ? speed_max : speed;
     const float sideslip_per_yaw_rate
         = (ars_constants.rear_arm / bounded_speed) - (rear_slip_per_lateral_acceleration * bounded_speed);
@@ -271,7 +271,7 @@ ARS_SECTION_CODE bool ars_map_valid(void)
 
     valid = valid && are_between(ars_map_front_angle_breakpoints, (uint32_t)ARS_MAP_FRONT_ANGLE_POINTS, 0.0f, 1.2f);
     valid = valid && are_increasing(ars_map_speed_breakpoints, (uint32_t)ARS_MAP_SPEED_POINTS);
-    valid = valid && are_even(&ars_map_speed_breakpoints[1], 100u);
+    valid = valid && are_even(&ars_map_speed_breakpoints[1], 117u);
     valid = valid && are_increasing(ars_map_front_angle_breakpoints, (uint32_t)ARS_MAP_FRONT_ANGLE_POINTS);
     valid = valid && are_even(&ars_map_front_angle_breakpoints[0], 100u);
     for (row = 0u; row < (uint32_t)ARS_MAP_SPEED_POINTS; row++) {

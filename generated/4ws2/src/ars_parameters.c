@@ -12,13 +12,13 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0x8DDD4CE4u
+#if ARS_CHECKSUM_BUILD != 0xCB9AC020u
 #error "ars_checksum.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x8DDD4CE4u
+#if ARS_MAP_BUILD != 0xCB9AC020u
 #error "ars_map.h and this source come from different builds"
 #endif
-#if ARS_PARAMETERS_BUILD != 0x8DDD4CE4u
+#if ARS_PARAMETERS_BUILD != 0xCB9AC020u
 #error "ars_parameters.h and this source come from different builds"
 #endif
 
@@ -71,20 +71,20 @@ ARS_SECTION_CODE bool ars_parameters_valid(const ars_parameters_t *parameters)
         && is_between(parameters->rear_angle_max, 1.0e-04f, 0.061086524f)
         && is_between(parameters->rear_rate_max, 0.017453292f, 1000.0f)
         && is_between(parameters->friction_min, 0.02f, 0.5f)
-        && is_between(parameters->enable_speed, 0.1388889f, 27.777779f)
-        && is_between(parameters->disable_speed, 0.027777778f, 27.777779f)
-        && is_between(parameters->standby_rate, 0.0034906585f, 1.7453293f)
+        && is_between(parameters->slow_speed, 0.5555556f, 13.888889f)
+        && is_between(parameters->fade_rate, 1.0e-05f, 3.0f)
         && is_between(parameters->fail_safe_rate, 0.0034906585f, 1.7453293f)
         && is_between(parameters->actuator_share, 1.0e-04f, 1.0f)
         && is_between(parameters->actuator_error_max, 1.0e-04f, 1.5f)
         && (parameters->rear_angle_max <= parameters->inputs.rear_angle_max)
-        && (parameters->disable_speed < parameters->enable_speed)
-        && (parameters->enable_speed <= (0.5f * ars_map_speed_breakpoints[ARS_MAP_SPEED_POINTS - 1u]))
+        && (parameters->slow_speed <= (0.25f * ars_map_speed_breakpoints[ARS_MAP_SPEED_POINTS - 1u]))
         && (parameters->inputs.speed_max >= ars_map_speed_breakpoints[ARS_MAP_SPEED_POINTS - 1u])
         && (parameters->inputs.speed_max <= parameters->limiter.speed_max)
         && (parameters->inputs.front_angle_max <= parameters->limiter.front_angle_max)
         && (parameters->actuator_samples_max >= 1u)
         && (parameters->actuator_samples_max <= 60000u)
+        && (parameters->inhibit_samples_max >= 1u)
+        && (parameters->inhibit_samples_max <= 60000u)
         && are_valid_arrays(parameters)
         && (parameters->limiter.rear_angle_max <= parameters->rear_angle_max)
         && ars_inputs_parameters_valid(&parameters->inputs)
@@ -133,13 +133,13 @@ ARS_SECTION_CODE uint32_t ars_parameters_crc(uint32_t start)
     crc = ars_checksum_real(crc, parameters->rear_angle_max);
     crc = ars_checksum_real(crc, parameters->rear_rate_max);
     crc = ars_checksum_real(crc, parameters->friction_min);
-    crc = ars_checksum_real(crc, parameters->enable_speed);
-    crc = ars_checksum_real(crc, parameters->disable_speed);
-    crc = ars_checksum_real(crc, parameters->standby_rate);
+    crc = ars_checksum_real(crc, parameters->slow_speed);
+    crc = ars_checksum_real(crc, parameters->fade_rate);
     crc = ars_checksum_real(crc, parameters->fail_safe_rate);
     crc = ars_checksum_real(crc, parameters->actuator_share);
     crc = ars_checksum_real(crc, parameters->actuator_error_max);
     crc = ars_checksum_whole(crc, parameters->actuator_samples_max);
+    crc = ars_checksum_whole(crc, parameters->inhibit_samples_max);
     crc = ars_checksum_real(crc, parameters->inputs.speed_max);
     crc = ars_checksum_real(crc, parameters->inputs.front_angle_max);
     crc = ars_checksum_real(crc, parameters->inputs.yaw_rate_max);

@@ -9,13 +9,13 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0x8DDD4CE4u
+#if ARS_CONTROLLER_BUILD != 0xCB9AC020u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_E2E_BUILD != 0x8DDD4CE4u
+#if ARS_E2E_BUILD != 0xCB9AC020u
 #error "ars_e2e.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x8DDD4CE4u
+#if ARS_MAP_BUILD != 0xCB9AC020u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -66,9 +66,9 @@ ARS_SECTION_CODE bool ars_selftest(void)
         { 33.333332f, -0.61086524f, 0.9f, -0.23541377f },
         { 13.333333f, 0.061086524f, 0.9f, 0.32798624f },
         { 13.333333f, -0.061086524f, 0.9f, -0.32798624f },
-        { 1.6666666f, 0.30543262f, 0.9f, 0.19504964f },
+        { 1.6666666f, 0.30543262f, 0.9f, 0.1945329f },
         { 40.0f, 0.0061086523f, 0.9f, 0.029284373f },
-        { 1.0f, 0.91629785f, 0.9f, 0.21431378f },
+        { 1.0f, 0.91629785f, 0.9f, 0.21397206f },
         { 50.0f, 1.2217305f, 0.9f, 0.15694252f },
         { 33.333332f, 0.61086524f, 0.882f, 0.2307055f },
         { 50.0f, 0.61086524f, 0.918f, 0.15694252f },
@@ -80,7 +80,7 @@ ARS_SECTION_CODE bool ars_selftest(void)
         && (with_the_rest(map_crc) == ars_calibration_expected_checksum)
         && ars_parameters_valid(&ars_parameters_default);
 
-    if (~map_crc == 0x0F36F440u) { /* the map of the build, not changed by calibration */
+    if (~map_crc == 0xA48BF090u) { /* the map of the build, not changed by calibration */
         uint32_t index;
 
         for (index = 0u; index < 14u; index++) {

@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_SUPERVISION_BUILD != 0x8DDD4CE4u
+#if ARS_SUPERVISION_BUILD != 0xCB9AC020u
 #error "ars_supervision.h and this source come from different builds"
 #endif
 

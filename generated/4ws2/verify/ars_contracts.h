@@ -19,10 +19,10 @@
 #include "ars_map.h"
 #include "ars_task.h"
 
-#if ARS_MAP_BUILD != 0x8DDD4CE4u
+#if ARS_MAP_BUILD != 0xCB9AC020u
 #error "ars_map.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0x8DDD4CE4u
+#if ARS_TASK_BUILD != 0xCB9AC020u
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -154,16 +154,16 @@ static inline bool ars_parameters_holds(const ars_parameters_t *value)
         && lies_between(value->rear_angle_max, 1.0e-04f, 0.061086524f)
         && lies_between(value->rear_rate_max, 0.017453292f, 1000.0f)
         && lies_between(value->friction_min, 0.02f, 0.5f)
-        && lies_between(value->enable_speed, 0.1388889f, 27.777779f)
-        && lies_between(value->disable_speed, 0.027777778f, 27.777779f)
-        && lies_between(value->standby_rate, 0.0034906585f, 1.7453293f)
+        && lies_between(value->slow_speed, 0.5555556f, 13.888889f)
+        && lies_between(value->fade_rate, 1.0e-05f, 3.0f)
         && lies_between(value->fail_safe_rate, 0.0034906585f, 1.7453293f)
         && lies_between(value->actuator_share, 1.0e-04f, 1.0f)
         && lies_between(value->actuator_error_max, 1.0e-04f, 1.5f)
         && (value->actuator_samples_max >= 1u)
         && (value->actuator_samples_max <= 60000u)
+        && (value->inhibit_samples_max >= 1u)
+        && (value->inhibit_samples_max <= 60000u)
         && (value->rear_angle_max <= value->inputs.rear_angle_max)
-        && (value->disable_speed < value->enable_speed)
         && (value->inputs.speed_max <= value->limiter.speed_max)
         && (value->inputs.front_angle_max <= value->limiter.front_angle_max)
         && (value->limiter.rear_angle_max <= value->rear_angle_max)
@@ -334,6 +334,7 @@ static inline bool ars_task_holds(const ars_task_t *value)
         && (value->counter <= 14u)
         && ((value->backlog <= 80u) && (value->disturbance <= 80u))
         && (value->actuator_samples <= 60001u)
+        && (value->inhibited_samples <= 60001u)
         && lies_within(value->expected_angle, 0.7853982f)
         && lies_within(value->measured_angle, 0.7853982f)
         && ars_supervision_holds(&value->supervision)
@@ -447,8 +448,8 @@ static inline void lemma_axes(void)
     CONTRACT_LEMMA_AXES(ars_map_speed_breakpoints_hold(0u), "a breakpoint of a valid map is in range");
     CONTRACT_LEMMA_AXES(ars_map_speed_breakpoints_hold(1u), "a breakpoint of a valid map is in range");
     CONTRACT_LEMMA_AXES(ars_map_speed_breakpoints[0] < ars_map_speed_breakpoints[1], "the breakpoints of a valid map increase");
-    CONTRACT_LEMMA_AXES(ars_map_speed_breakpoints_hold(101u), "a breakpoint of a valid map is in range");
-    CONTRACT_LEMMA_AXES(ars_map_speed_breakpoints[1] < ars_map_speed_breakpoints[101], "the breakpoints of a valid map increase");
+    CONTRACT_LEMMA_AXES(ars_map_speed_breakpoints_hold(118u), "a breakpoint of a valid map is in range");
+    CONTRACT_LEMMA_AXES(ars_map_speed_breakpoints[1] < ars_map_speed_breakpoints[118], "the breakpoints of a valid map increase");
     CONTRACT_LEMMA_AXES(ars_map_front_angle_breakpoints_hold(0u), "a breakpoint of a valid map is in range");
     CONTRACT_LEMMA_AXES(ars_map_front_angle_breakpoints_hold(100u), "a breakpoint of a valid map is in range");
     CONTRACT_LEMMA_AXES(ars_map_front_angle_breakpoints[0] < ars_map_front_angle_breakpoints[100], "the breakpoints of a valid map increase");
@@ -759,7 +760,7 @@ static inline void ars_law_step_requires(const ars_law_t *self, const ars_parame
     (void)yaw_rate_error;
     CONTRACT_REQUIRE(ars_law_holds(self), "ars_law_step requires: self is within its invariant");
     CONTRACT_REQUIRE(ars_parameters_holds(parameters), "ars_law_step requires: parameters is within its invariant");
-    CONTRACT_REQUIRE(lies_between(sample->speed, 0.01f, 200.0f), "ars_law_step requires: speed is in range");
+    CONTRACT_REQUIRE(lies_between(sample->speed, -200.0f, 200.0f), "ars_law_step requires: speed is in range");
     CONTRACT_REQUIRE(lies_between(sample->front_angle, -1.5f, 1.5f), "ars_law_step requires: front_angle is in range");
     CONTRACT_REQUIRE(lies_between(sample->yaw_rate, -20.0f, 20.0f), "ars_law_step requires: yaw_rate is in range");
     CONTRACT_REQUIRE(lies_within(sample->lateral_acceleration, 8192.0f), "ars_law_step requires: lateral_acceleration is in range");
@@ -1268,7 +1269,7 @@ static inline void ars_task_10ms_ensures(const ars_task_t *self, const uint8_t d
     CONTRACT_ENSURE(!(((self_before->supervision.state == ARS_SUPERVISION_START) || (self_before->supervision.state == ARS_SUPERVISION_RESYNCHRONISE)) || ((self_before->silent_calls > self->parameters->inputs.missing_samples_max) && ((self_before->motion_input.frames > 0u) || (self_before->conditions_input.frames > 0u)) && self_before->has_measured)) || (!self->supervision.has_command) || (self->controller.rear_angle <= (self->expected_angle + (self->parameters->limiter.rear_rate_max * 0.01f))) || (self->controller.rear_angle == -self->parameters->limiter.rear_angle_max), "from the start angle, it rises by at most rear_rate_max, or to -rear_angle_max");
     CONTRACT_ENSURE(!(((self_before->supervision.state == ARS_SUPERVISION_START) || (self_before->supervision.state == ARS_SUPERVISION_RESYNCHRONISE)) || ((self_before->silent_calls > self->parameters->inputs.missing_samples_max) && ((self_before->motion_input.frames > 0u) || (self_before->conditions_input.frames > 0u)) && self_before->has_measured)) || (!self->supervision.has_command) || ((self->expected_angle - (self->parameters->limiter.rear_rate_max * 0.01f)) <= self->controller.rear_angle) || (self->controller.rear_angle == self->parameters->limiter.rear_angle_max), "from the start angle, it falls by at most rear_rate_max, or to rear_angle_max");
     CONTRACT_ENSURE(!(((self_before->supervision.state == ARS_SUPERVISION_START) || (self_before->supervision.state == ARS_SUPERVISION_RESYNCHRONISE)) || ((self_before->silent_calls > self->parameters->inputs.missing_samples_max) && ((self_before->motion_input.frames > 0u) || (self_before->conditions_input.frames > 0u)) && self_before->has_measured)) || (!self->supervision.has_command) || !self->has_measured || (self->expected_angle == held_within(self->measured_angle, 0.061086524f)), "the start angle is the measured one, or the last measured one");
-    CONTRACT_ENSURE((((self_before->supervision.state == ARS_SUPERVISION_START) || (self_before->supervision.state == ARS_SUPERVISION_RESYNCHRONISE)) || ((self_before->silent_calls > self->parameters->inputs.missing_samples_max) && ((self_before->motion_input.frames > 0u) || (self_before->conditions_input.frames > 0u)) && self_before->has_measured)) || !((self->supervision.state == ARS_SUPERVISION_LOST) || (self->supervision.state == ARS_SUPERVISION_STANDBY)) || (magnitude_of(self->controller.rear_angle) <= magnitude_of(self_before->controller.rear_angle)), "where the table ramps, the magnitude of the command does not grow");
+    CONTRACT_ENSURE((((self_before->supervision.state == ARS_SUPERVISION_START) || (self_before->supervision.state == ARS_SUPERVISION_RESYNCHRONISE)) || ((self_before->silent_calls > self->parameters->inputs.missing_samples_max) && ((self_before->motion_input.frames > 0u) || (self_before->conditions_input.frames > 0u)) && self_before->has_measured)) || !((self->supervision.state == ARS_SUPERVISION_LOST) || (self->supervision.state == ARS_SUPERVISION_STANDBY)) || (magnitude_of(self->controller.rear_angle) <= magnitude_of(self_before->controller.rear_angle)), "without control the magnitude of the command does not grow");
     CONTRACT_ENSURE(!(!self->supervision.has_command) || (code_in(data, 16u, 16u, false) == ((uint32_t)-32768 & 0xFFFFu)), "without a known rear angle the frame has no command");
 }
 

@@ -17,7 +17,7 @@
 #include "ars_dynamics.h"
 #include "ars_map.h"
 
-#if ARS_TASK_BUILD != 0x8DDD4CE4u
+#if ARS_TASK_BUILD != 0xCB9AC020u
 #error "ars_task.h and this source come from different builds"
 #endif
 

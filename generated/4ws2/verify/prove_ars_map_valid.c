@@ -3,7 +3,7 @@
  *
  * Run in the folder of the build, with CBMC 6 and Bitwuzla:
  *
- * goto-cc -o "${TMPDIR:-/tmp}/prove_ars_map_valid.goto" verify/prove_ars_map_valid.c -Iinclude -Iverify && goto-instrument --replace-calls are_between:are_between_of_lemma --replace-calls are_increasing:are_increasing_of_lemma --replace-calls are_even:are_even_of_lemma "${TMPDIR:-/tmp}/prove_ars_map_valid.goto" "${TMPDIR:-/tmp}/prove_ars_map_valid.goto" >/dev/null && cbmc "${TMPDIR:-/tmp}/prove_ars_map_valid.goto" --function prove_ars_map_valid --unwind 103 --bounds-check --pointer-check --div-by-zero-check --float-div-by-zero-check --signed-overflow-check --conversion-check --undefined-shift-check --no-standard-checks --unwinding-assertions --slice-formula --bitwuzla
+ * goto-cc -o "${TMPDIR:-/tmp}/prove_ars_map_valid.goto" verify/prove_ars_map_valid.c -Iinclude -Iverify && goto-instrument --replace-calls are_between:are_between_of_lemma --replace-calls are_increasing:are_increasing_of_lemma --replace-calls are_even:are_even_of_lemma "${TMPDIR:-/tmp}/prove_ars_map_valid.goto" "${TMPDIR:-/tmp}/prove_ars_map_valid.goto" >/dev/null && cbmc "${TMPDIR:-/tmp}/prove_ars_map_valid.goto" --function prove_ars_map_valid --unwind 120 --bounds-check --pointer-check --div-by-zero-check --float-div-by-zero-check --signed-overflow-check --conversion-check --undefined-shift-check --no-standard-checks --unwinding-assertions --slice-formula --bitwuzla
  *
  * The proof counts if CBMC reports VERIFICATION SUCCESSFUL, and if check_end.assertion.1 fails with -DCHECK_END.
  *

@@ -21,7 +21,7 @@
 #endif
 static inline bool is_place(const place_t *place)
 {
-    return (place->row.lower <= 100u) && lies_between(place->row.fraction, 0.0f, 1.0f)
+    return (place->row.lower <= 117u) && lies_between(place->row.fraction, 0.0f, 1.0f)
         && (place->column.lower <= 100u) && lies_between(place->column.fraction, 0.0f, 1.0f);
 }
 

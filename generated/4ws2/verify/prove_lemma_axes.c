@@ -3,7 +3,7 @@
  *
  * Run in the folder of the build, with CBMC 6 and Bitwuzla:
  *
- * cbmc verify/prove_lemma_axes.c -Iinclude -Iverify --function prove_lemma_axes --unwind 103 --bounds-check --pointer-check --div-by-zero-check --float-div-by-zero-check --signed-overflow-check --conversion-check --undefined-shift-check --no-standard-checks --unwinding-assertions --slice-formula --bitwuzla
+ * cbmc verify/prove_lemma_axes.c -Iinclude -Iverify --function prove_lemma_axes --unwind 120 --bounds-check --pointer-check --div-by-zero-check --float-div-by-zero-check --signed-overflow-check --conversion-check --undefined-shift-check --no-standard-checks --unwinding-assertions --slice-formula --bitwuzla
  *
  * The proof counts if CBMC reports VERIFICATION SUCCESSFUL, and if check_end.assertion.1 fails with -DCHECK_END.
  *

@@ -3,7 +3,7 @@
  *
  * Run in the folder of the build, with CBMC 6 and Bitwuzla:
  *
- * cbmc verify/prove_lemma_numbers.c -Iinclude -Iverify --function prove_lemma_numbers --unwind 103 --bounds-check --pointer-check --div-by-zero-check --float-div-by-zero-check --signed-overflow-check --conversion-check --undefined-shift-check --no-standard-checks --unwinding-assertions --slice-formula --bitwuzla
+ * cbmc verify/prove_lemma_numbers.c -Iinclude -Iverify --function prove_lemma_numbers --unwind 120 --bounds-check --pointer-check --div-by-zero-check --float-div-by-zero-check --signed-overflow-check --conversion-check --undefined-shift-check --no-standard-checks --unwinding-assertions --slice-formula --bitwuzla
  *
  * The proof counts if CBMC reports VERIFICATION SUCCESSFUL, and if check_end.assertion.1 fails with -DCHECK_END.
  *
@@ -23,11 +23,11 @@
 /* The functions that check the numbers of a row, or the breakpoints of an axis, check each of them. */
 static inline void lemma_numbers(void)
 {
-    float numbers[102], low, high;
+    float numbers[119], low, high;
     uint32_t count, k;
     bool between, increasing;
 
-    CONTRACT_ASSUME((count >= 1u) && (count <= 102u) && (k < count));
+    CONTRACT_ASSUME((count >= 1u) && (count <= 119u) && (k < count));
     between = are_between(numbers, count, low, high);
     increasing = are_increasing(numbers, count);
     (void)are_even(numbers, (count > 1u) ? (count - 1u) : 1u);

@@ -6,6 +6,7 @@ from itertools import chain
 
 import numpy as np
 
+from codegen.emit.controller_view import SLOW_RATE, STANDING_SPEED, controller_parameters
 from codegen.emit.inputs_view import SHORT_SHARE, inputs_parameters
 from codegen.emit.laws import law_of
 from codegen.emit.limiter_view import opposite_phase_speeds_km_h
@@ -63,6 +64,34 @@ CHOOSE_BY_SPEED = """
     {{ function }}(&off, &speed_parameters, x);
     SAME("off below the lower speed", on.enabled, is_nan(bits) || (order_of(bits) >= order_of(bits_of({{ low }}))));
     SAME("on from the upper speed", off.enabled, !is_nan(bits) && (order_of(bits) >= order_of(bits_of({{ high }}))));
+"""
+IN_DIRECTION = """
+    const bool is_reverse = (bits > 0x80000000u) && !is_nan(bits);
+
+    SAME("itself forwards", in_direction(x, 1.0f), x);
+    SAME("the other sign in reverse", in_direction(x, -1.0f), -x);
+    SAME("by the sign of the speed", in_direction(1.0f, x), is_reverse ? -1.0f : 1.0f);
+"""
+FEEDBACK_SHARE = """
+    const double share = is_nan(bits) ? 0.0 : (((double)x - (double){{ slow }}) / (double){{ slow }});
+
+    /* One rounding of the difference, and one of the quotient. */
+    NEAR("linear from none to the whole", feedback_share(&slow_parameters, x), fmin(fmax(share, 0.0), 1.0),
+        0x1.001p-23 * fmin(fmax(share, 0.0), 1.0));
+"""
+MODEL_SPEED = """
+    SAME("at least the slow speed, which NaN counts as", model_speed(&slow_parameters, x), held(bits, {{ slow }}, INFINITY));
+"""
+SLOW_STEP = """
+    const bool is_speed = size_of(bits) <= bits_of({{ top }});
+    const double share = fmax(((double)x - (double){{ slow }}) / (2.0 * (double){{ slow }}), 0.0);
+    const double driven = (size_of(bits) < bits_of({{ standing }})) ? 0.0 : (fabs((double)x) * (double){{ period }});
+    const double turned = fmin((double){{ fade }} * driven, (double){{ slow_rate }} * (double){{ period }});
+    const double expected = turned + ((double){{ rate }} * (double){{ period }} * share * share);
+
+    /* Eight roundings of terms that are not negative. */
+    NEAR("that of the distance, and above the slow speed a share of the rate limit",
+        is_speed ? slow_step(&slow_parameters, x) : 0.0f, is_speed ? expected : 0.0, is_speed ? (0x1.001p-21 * expected) : 0.0);
 """
 YAW_GAIN = """
     const double length = (double){{ wheelbase }} + (((double){{ understeer }} * (double)x) * (double)x);
@@ -170,16 +199,14 @@ def claims(source: Source) -> Iterator[Claim]:
         yield between(unit, "is_between", RANGES)
     yield from _inputs(source)
     period = np.float32(config.controller.sampling_time_s)
-    step = number(float(np.float32(math.radians(config.controller.standby_rate_deg_s)) * period))
+    waits, fail_safe = config.controller.waits_for_speed, config.controller.fail_safe
+    rate = config.controller.standby_rate_deg_s if waits else fail_safe.rate_deg_s
+    step = number(float(np.float32(math.radians(rate)) * period))
     text = "moves one step toward zero but not past it; NaN becomes zero"
     fall = number(config.controller.inputs.speed_fall_m_s2 * config.controller.sampling_time_s)
-    for unit, each in (("controller", step), ("inputs", fall)):
+    for unit, each in (("controller", step), ("task", step), ("inputs", fall)):
         yield Claim(unit, "toward_zero", text, TOWARD_ZERO, edges(each), values={"step": each})
-    low, high = (number(speed * KM_H) for speed in (config.controller.disable_speed_km_h, config.controller.enable_speed_km_h))
-    setup = "static const {{ p }}_parameters_t speed_parameters = { .disable_speed = {{ low }}, .enable_speed = {{ high }} };"
-    text = "on from the upper speed, off below the lower; unchanged between them and for NaN"
-    values: Mapping[str, object] = {"low": low, "high": high}
-    yield Claim("controller", "choose_by_speed", text, CHOOSE_BY_SPEED, edges(low, high), setup, values=values)
+    yield from _enabling(source) if waits else _slow_car(source)
     if tracking:
         yield Claim("law", "not_negative", "zero for a negative number and NaN", NOT_NEGATIVE, edges("0.0f"))
     least = number(config.controller.friction_min)
@@ -210,6 +237,35 @@ def claims(source: Source) -> Iterator[Claim]:
                 outputs[name] = (field, schedule[key])
         speeds = [speed * KM_H for speed in schedule["speed_km_h"]]
         yield _over_speed("law", "gains_at", "parameters_t", "gains_t", speeds, outputs)
+
+
+def _enabling(source: Source) -> Iterator[Claim]:
+    """Yield the claim about the speeds between which a law that waits for a speed starts and ends."""
+    controller = source.config.controller
+    low, high = (number(speed * KM_H) for speed in (controller.disable_speed_km_h, controller.enable_speed_km_h))
+    setup = "static const {{ p }}_parameters_t speed_parameters = { .disable_speed = {{ low }}, .enable_speed = {{ high }} };"
+    text = "on from the upper speed, off below the lower; unchanged between them and for NaN"
+    values: Mapping[str, object] = {"low": low, "high": high}
+    yield Claim("controller", "choose_by_speed", text, CHOOSE_BY_SPEED, edges(low, high), setup, values=values)
+
+
+def _slow_car(source: Source) -> Iterator[Claim]:
+    """Yield claims about a law that works from standstill on."""
+    named = {each.name: each.value for each in controller_parameters(source.config)}
+    parameters = {name: number(named[name]) for name in ("slow_speed", "fade_rate", "rear_rate_max")}
+    values: dict[str, object] = {"slow": parameters["slow_speed"], "fade": parameters["fade_rate"]}
+    values |= {"rate": parameters["rear_rate_max"], "period": number(source.config.controller.sampling_time_s)}
+    top = source.config.controller.inputs.speed_max_km_h * KM_H
+    values |= {"standing": number(STANDING_SPEED), "slow_rate": number(SLOW_RATE), "top": number(top)}
+    setup = "static const {{ p }}_parameters_t slow_parameters"
+    setup += " = { .slow_speed = {{ slow }}, .fade_rate = {{ fade }}, .rear_rate_max = {{ rate }} };"
+    near = edges(*(str(values[name]) for name in ("standing", "slow", "top")), "0.0f")
+    text = "what the distance in a sample allows, and above slow_speed a share of the rate limit"
+    yield Claim("controller", "slow_step", text, SLOW_STEP, near, setup, values=values)
+    yield Claim("law", "in_direction", "itself forwards, the other sign in reverse", IN_DIRECTION, edges("0.0f"))
+    text = "none up to slow_speed, whole from twice it on; NaN has none"
+    yield Claim("law", "feedback_share", text, FEEDBACK_SHARE, near, setup, values=values)
+    yield Claim("law", "model_speed", "at least slow_speed; NaN becomes slow_speed", MODEL_SPEED, near, values=values)
 
 
 def _inputs(source: Source) -> Iterator[Claim]:

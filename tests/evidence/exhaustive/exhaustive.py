@@ -43,6 +43,7 @@ OTHERS: Mapping[str, str] = {
     "can: goes_outward": "takes a product and its factors: covered by to_code, for every value of each coding",
     "reference_model: curve_at": "covered by both curves, for every argument",
     "map: place_of": "pairs the results of locate_speed and locate_front_angle",
+    "controller: within_step": SEVERAL,
     "law: allowed": SEVERAL,
     "law: @_law_init": "keeps the number or starts the model from it: tests of the state after a start cover it",
     "grip: @_grip_update": SEVERAL,

@@ -1,4 +1,4 @@
-"""Part "gaps": frames lost for 0.02 to 5 s in a turn near the edge of the map, from reverse to high speed.
+"""Part "gaps": the fault catalogue and gaps of 0.02 to 5 s in a turn near the edge of the map, from reverse to high speed.
 
 The car's frames, the commands, or both are lost, or one side restarts, while the car turns in and in the steady turn. The
 sideslip after the gap is compared with that of the intended ramp: the same car on the same course, whose rear wheels go on from
@@ -23,13 +23,17 @@ from codegen.sil.software import load as load_software
 from codegen.units import KM_H
 from codegen.verify.check import Effort, Outcome, Verdict
 from hil_sim import bench, manoeuvres
+from hil_sim.fault_catalogue import catalogue, run_all
 from hil_sim.faults import Fault, FaultKind
 from hil_sim.manoeuvres import Settings
 from hil_sim.metrics import column
 from hil_sim.scenarios import Scenario
 from tests.evidence.progress import Progress
 
-SHOWS = "after a gap on the bus the car slides no more than with the intended ramp from the measured rear angle"
+SHOWS = (
+    "at every speed each fault of the catalogue has the status of the supervision's table, and after a gap on the bus the car"
+    " slides no more than with the intended ramp from the measured rear angle"
+)
 SPEEDS_KM_H = (-5.0, 5.0, 30.0, 50.0, 80.0, 110.0)
 LENGTHS_S = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 QUICK_SPEEDS_KM_H, QUICK_LENGTHS_S = (30.0, 110.0), (0.02, 0.2, 2.0)
@@ -82,13 +86,14 @@ def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
     software, reference_map = load_software(folder), load(folder.with_suffix(".npz"))
     speeds = QUICK_SPEEDS_KM_H if effort.quick else SPEEDS_KM_H
     lengths = QUICK_LENGTHS_S if effort.quick else LENGTHS_S
-    slides = []
+    slides, violations = [], []
     for speed in speeds:
         gaps = [Gap(speed, which, start, length) for which in LOSSES for start in STARTS_S for length in lengths]
         key = f"{speed:g} km/h {effort.quick}"
         found = progress.once(key, partial(_all_sideslips, software, reference_map, gaps))
         slides += [Slide(gap, *pair) for gap, pair in zip(gaps, found, strict=True)]
-    findings = [
+        violations += progress.once(f"catalogue, {key}", partial(_violations, software, reference_map, speed))
+    findings = violations + [
         f"{each.gap}: sideslip {each.sideslip_deg:.2f} deg, intended {each.intended_deg:.2f}"
         for each in slides
         if not each.is_met
@@ -97,7 +102,9 @@ def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
         (each.sideslip_deg / max(each.intended_deg, ROUNDING_DEG) for each in slides if each.sideslip_deg > 1.0), default=0.0
     )
     spins = sum(each.sideslip_deg > SPIN_DEG >= each.intended_deg for each in slides)
-    figure = f"{len(slides)} gaps; largest sideslip over that of the intended ramp {worst:.2f}; {spins} spins that it avoids"
+    cases = len(speeds) * len(catalogue(software.config.can, software.config.controller.sampling_time_s))
+    figure = f"{cases} faults and {len(slides)} gaps; largest sideslip over that of the intended ramp {worst:.2f}; "
+    figure += f"{spins} spins that it avoids"
     return Outcome(
         SHOWS, figure, Verdict.FAILED if findings else Verdict.PASSED, tuple(findings), {"worst": worst, "spins": spins}
     )
@@ -105,6 +112,14 @@ def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
 
 def _all_sideslips(software: Software, reference_map: ReferenceMap, gaps: Sequence[Gap]) -> list[tuple[float, float]]:
     return [sideslips(software, reference_map, gap) for gap in gaps]
+
+
+def _violations(software: Software, reference_map: ReferenceMap, speed_km_h: float) -> list[str]:
+    """Return how the outcomes of the catalogue at a speed differ from their specification."""
+    (edge,) = angles_at(reference_map, abs(speed_km_h) * KM_H, (EDGE,))
+    turn = {"speed_km_h": speed_km_h, "front_angle_deg": math.degrees(edge)}
+    outcomes = run_all(software.config, partial(bench.run_through_can, software), **turn)
+    return [f"{speed_km_h:g} km/h, {each.case.what}: {text}" for each in outcomes for text in each.violations]
 
 
 def sideslips(software: Software, reference_map: ReferenceMap, gap: Gap) -> tuple[float, float]:
