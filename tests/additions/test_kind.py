@@ -6,6 +6,8 @@ from tests.additions.copy import ROOT, Copy
 
 LAW_C = """/* Control law "share": a share of the front angle, smoothed, at the rate limit. */
 
+{{ helpers.in_direction() }}
+
 {{ P }}_SECTION_CODE void {{ p }}_law_init({{ p }}_law_t *self, {{ real }} rear_angle)
 {
     self->smoothed = rear_angle;
@@ -27,7 +29,8 @@ LAW_C = """/* Control law "share": a share of the front angle, smoothed, at the 
     self->smoothed += {{ quarter }} * ((parameters->front_share * sample->front_angle) - self->smoothed);
     bounded_demand = bounded(self->smoothed, parameters->rear_angle_max);
     output.rear_angle = clamp(bounded_demand, rear_angle - command_step_max, rear_angle + command_step_max);
-    output.yaw_rate_reference = {{ p }}_map_yaw_rate_on_road(sample->speed, sample->front_angle, friction);
+    output.yaw_rate_reference
+        = in_direction({{ p }}_map_yaw_rate_on_road(magnitude(sample->speed), sample->front_angle, friction), sample->speed);
     self->is_limited = (self->smoothed > output.rear_angle) || (self->smoothed < output.rear_angle);
     return output;
 }

@@ -151,7 +151,8 @@ which is 4/h times that."""
 def claims(source: Source) -> Iterator[Claim]:
     """Yield claims about the units map, reference_model and dynamics."""
     config = source.config
-    speeds, angles = (list(map(float, axis)) for axis in breakpoints(config))
+    angles = list(map(float, breakpoints(config)[1]))
+    _, *speeds = source.subject.manifest["map"]["speed_m_s"]  # those of the build begin below the solved ones
     stop = config.steering.front_angle_stop
     yield _axis("locate_speed", speeds)
     yield _axis("locate_front_angle", [*angles, stop] if stop > angles[-1] * (1.0 + 1e-6) else angles, is_magnitude=True)
