@@ -112,6 +112,10 @@ class Conditions:
         yield Claim("it rises by at most rear_rate_max, or to -rear_angle_max", rises)
         yield Claim("it falls by at most rear_rate_max, or to rear_angle_max", falls)
 
+    def shrinks(self, angle: str, before: str) -> str:
+        """Return the condition that the magnitude of an angle does not grow."""
+        return f"(magnitude_of({angle}) <= magnitude_of({before}))"
+
     def held_by_actuator(self, angle: str) -> str:
         """Return the angle that the actuator holds: within its range, and zero for NaN."""
         return f"held_within({angle}, {self.controller.actuator_angle_max})"

@@ -112,6 +112,7 @@ class ControlUnits(Conditions):
             self.argument("parameters", "parameters_t", "parameter"),
             self.argument("measurement", "measurement_t", "in"),
         )
+        yield self._stand_by(arguments[:2], init)
         inhibit = Claim("inhibit is true or false", "is_flag(measurement->inhibit)")
         model = (*(f"grip_{name}" for name in grip[1:]), "law_rest") if self.model else ()
         steps = tuple(own(each) for each in ("inputs_step", "law_step", "limiter_step", *model))
@@ -121,6 +122,20 @@ class ControlUnits(Conditions):
         yield Unit(
             own("controller_step"), unit, arguments, command, True, (inhibit,), ensures, callees=(*init, *steps), **sound
         )
+
+    def _stand_by(self, arguments: tuple[Argument, ...], callees: tuple[str, ...]) -> Unit:
+        angle, before = "result->rear_angle", "self_before->rear_angle"
+        ensures = (
+            *self.moved(angle, before, "parameters->limiter."),
+            Claim("|rear_angle| does not grow", self.shrinks(angle, before)),
+            Claim("the status is standby", f"result->status == {self.upper}_STATUS_STANDBY"),
+            self._kept(angle),
+        )
+        own, command = self.own, self.own("command_t")
+        return Unit(own("controller_stand_by"), own("controller"), arguments, command, True, (), ensures, callees=callees)
+
+    def _kept(self, angle: str) -> Claim:
+        return Claim("the command and the status are kept", f"({angle} == self->rear_angle) && (result->status == self->status)")
 
     def _commanded(self) -> Iterator[Claim]:
         status, angle, before = f"{self.upper}_STATUS", "result->rear_angle", "self_before->rear_angle"
@@ -132,9 +147,8 @@ class ControlUnits(Conditions):
         yield Claim(
             "tracking, it moves by at most the lower of both rates", f"(result->status != {status}_TRACKING) || {rates}"
         )
-        shrinks = f"(magnitude_of({angle}) <= magnitude_of({before}))"
-        yield Claim("without control |rear_angle| does not grow", f"self->enabled || {shrinks}")
-        yield Claim("the command and the status are kept", f"({angle} == self->rear_angle) && (result->status == self->status)")
+        yield Claim("without control |rear_angle| does not grow", f"self->enabled || {self.shrinks(angle, before)}")
+        yield self._kept(angle)
 
     def _behaved(self) -> Iterator[Claim]:
         """Yield the claims on behaviour, which no caller uses."""

@@ -229,7 +229,7 @@ class FrameUnits(Conditions):
             "self.parameters = &parameters;",
             f"CONTRACT_ASSUME({own('parameters_holds')}(&parameters));",
         )
-        more["callees"] = (init, own("controller_place"), own("controller_step"))
+        more["callees"] = (init, own("controller_place"), own("controller_stand_by"), own("controller_step"))
         data, length = self.frame("bytes in"), Argument("length", "uint8_t")
         last = f"(id != (uint32_t){self.upper}_CAN_ID_VEHICLE_CONDITIONS)"
         closes = "self->conditions_close == (self_before->motion_input.frames > 0u)"
@@ -269,9 +269,8 @@ class FrameUnits(Conditions):
         placed = f"(self->expected_angle == {self.held_by_actuator('self->measured_angle')})"
         words = "the start angle is the measured one, or the last measured one"
         yield Claim(words, f"!{restarts} || {waits} || !self->has_measured || {placed}")
-        shrinks = f"(magnitude_of({angle}) <= magnitude_of({before}))"
         words = "without control the magnitude of the command does not grow"
-        yield Claim(words, f"{restarts} || !{is_in('self', rests)} || {shrinks}")
+        yield Claim(words, f"{restarts} || !{is_in('self', rests)} || {self.shrinks(angle, before)}")
         frame = next(each for each in self.can.messages if each.role == "rear_steer_command")
         signal = next(each for each in frame.reals if each.definition.role == "rear_angle")
         assert isinstance(signal.layout, RealSignal)

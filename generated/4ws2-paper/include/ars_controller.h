@@ -22,16 +22,16 @@
 #include "ars_limiter.h"
 #include "ars_parameters.h"
 
-#if ARS_INPUTS_BUILD != 0x433BA42Fu
+#if ARS_INPUTS_BUILD != 0x5AF8F3C2u
 #error "ars_inputs.h and this source come from different builds"
 #endif
-#if ARS_LAW_BUILD != 0x433BA42Fu
+#if ARS_LAW_BUILD != 0x5AF8F3C2u
 #error "ars_law.h and this source come from different builds"
 #endif
-#if ARS_LIMITER_BUILD != 0x433BA42Fu
+#if ARS_LIMITER_BUILD != 0x5AF8F3C2u
 #error "ars_limiter.h and this source come from different builds"
 #endif
-#if ARS_PARAMETERS_BUILD != 0x433BA42Fu
+#if ARS_PARAMETERS_BUILD != 0x5AF8F3C2u
 #error "ars_parameters.h and this source come from different builds"
 #endif
 
@@ -39,7 +39,7 @@
 extern "C" {
 #endif
 
-#define ARS_CONTROLLER_BUILD 0x433BA42Fu
+#define ARS_CONTROLLER_BUILD 0x5AF8F3C2u
 
 /* Mark of a state that ars_controller_init() has initialised. Not zero, so that cleared memory does not look initialised. */
 #define ARS_CONTROLLER_INITIALISED 0x41525331u
@@ -88,6 +88,14 @@ void ars_controller_init(ars_controller_t *self, float rear_angle);
  * rear_angle: as for ars_controller_init().
  */
 void ars_controller_place(ars_controller_t *self, float rear_angle);
+
+/*
+ * Return the command of a sample without control: the angle returns to zero at the lower of fail_safe_rate and the rate of the limiter,
+ * in standby. The next step starts anew from there.
+ *
+ * self, parameters: as for ars_controller_step().
+ */
+ars_command_t ars_controller_stand_by(ars_controller_t *self, const ars_parameters_t *parameters);
 
 /*
  * Compute the command of one sample: check the measurement (ars_inputs.h), look up the reference, run the control law and

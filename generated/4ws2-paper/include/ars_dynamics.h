@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0x433BA42Fu
+#define ARS_DYNAMICS_BUILD 0x5AF8F3C2u
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

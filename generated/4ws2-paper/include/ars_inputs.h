@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0x433BA42Fu
+#define ARS_INPUTS_BUILD 0x5AF8F3C2u
 
 /* Measurements of one sample. A value that is not available is NaN. */
 typedef struct {

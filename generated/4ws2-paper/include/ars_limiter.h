@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x433BA42Fu
+#define ARS_LIMITER_BUILD 0x5AF8F3C2u
 
 enum { ARS_LIMITER_POINTS = 6 };
 

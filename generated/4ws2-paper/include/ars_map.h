@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x433BA42Fu
+#define ARS_MAP_BUILD 0x5AF8F3C2u
 
 /* Numbers of breakpoints. */
 enum {

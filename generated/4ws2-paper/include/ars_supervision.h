@@ -27,7 +27,7 @@
 
 #include "ars_controller.h"
 
-#if ARS_CONTROLLER_BUILD != 0x433BA42Fu
+#if ARS_CONTROLLER_BUILD != 0x5AF8F3C2u
 #error "ars_controller.h and this source come from different builds"
 #endif
 
@@ -35,7 +35,7 @@
 extern "C" {
 #endif
 
-#define ARS_SUPERVISION_BUILD 0x433BA42Fu
+#define ARS_SUPERVISION_BUILD 0x5AF8F3C2u
 
 /* State of the supervision. */
 typedef enum {

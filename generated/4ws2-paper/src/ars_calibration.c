@@ -18,13 +18,13 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONSTANTS_BUILD != 0x433BA42Fu
+#if ARS_CONSTANTS_BUILD != 0x5AF8F3C2u
 #error "ars_constants.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0x433BA42Fu
+#if ARS_CONTROLLER_BUILD != 0x5AF8F3C2u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x433BA42Fu
+#if ARS_MAP_BUILD != 0x5AF8F3C2u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -80,7 +80,7 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     }
 };
 
-ARS_SECTION_CALIBRATION const char ars_epk[9] = "433BA42F";
+ARS_SECTION_CALIBRATION const char ars_epk[9] = "5AF8F3C2";
 
 ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0x3D9E76A7u;
 

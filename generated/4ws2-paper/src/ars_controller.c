@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0x433BA42Fu
+#if ARS_CONTROLLER_BUILD != 0x5AF8F3C2u
 #error "ars_controller.h and this source come from different builds"
 #endif
 
@@ -166,6 +166,19 @@ ARS_SECTION_CODE void ars_controller_init(ars_controller_t *self, float rear_ang
     self->initialised = (uint32_t)ARS_CONTROLLER_INITIALISED;
     ars_inputs_init(&self->inputs, true);
     ars_law_init(&self->law, self->rear_angle);
+}
+
+ARS_SECTION_CODE ars_command_t ars_controller_stand_by(ars_controller_t *self, const ars_parameters_t *parameters)
+{
+    const float step_max = parameters->limiter.rear_rate_max * sampling_time;
+    const float step = parameters->fail_safe_rate * sampling_time;
+    ars_command_t command;
+
+    ars_controller_init(self, toward_zero(self->rear_angle, (step < step_max) ? step : step_max));
+    command.rear_angle = self->rear_angle;
+    command.yaw_rate_reference = self->yaw_rate_reference;
+    command.status = self->status;
+    return command;
 }
 
 /* Return false for a state that was never initialised, or in which a number is NaN, infinite or far too large. */

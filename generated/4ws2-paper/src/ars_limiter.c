@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_LIMITER_BUILD != 0x433BA42Fu
+#if ARS_LIMITER_BUILD != 0x5AF8F3C2u
 #error "ars_limiter.h and this source come from different builds"
 #endif
 

@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_SUPERVISION_BUILD != 0x433BA42Fu
+#if ARS_SUPERVISION_BUILD != 0x5AF8F3C2u
 #error "ars_supervision.h and this source come from different builds"
 #endif
 

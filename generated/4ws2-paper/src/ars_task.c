@@ -8,19 +8,19 @@
 
 #include "ars_sections.h"
 
-#if ARS_CAN_BUILD != 0x433BA42Fu
+#if ARS_CAN_BUILD != 0x5AF8F3C2u
 #error "ars_can.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0x433BA42Fu
+#if ARS_CONTROLLER_BUILD != 0x5AF8F3C2u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_E2E_BUILD != 0x433BA42Fu
+#if ARS_E2E_BUILD != 0x5AF8F3C2u
 #error "ars_e2e.h and this source come from different builds"
 #endif
-#if ARS_SUPERVISION_BUILD != 0x433BA42Fu
+#if ARS_SUPERVISION_BUILD != 0x5AF8F3C2u
 #error "ars_supervision.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0x433BA42Fu
+#if ARS_TASK_BUILD != 0x5AF8F3C2u
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -31,8 +31,6 @@
 
 /* Diagnostics of the second message lie so many bits above those of the first. */
 ARS_SECTION_CONST static const uint32_t conditions_shift = 3u;
-
-ARS_SECTION_CONST static const float sampling_time = 0.01f; /* s */
 
 /* Periods that the calls may be behind the sender; drift and jitter of the two clocks explain up to two. One is forgiven every 64
  * calls: the drift of two quartz clocks takes thousands of calls for one period. advance_max steps at once fill the backlog. */
@@ -55,21 +53,6 @@ ARS_SECTION_CODE static float magnitude(float value)
 
     number.bits &= 0x7FFFFFFFu;
     return number.value;
-}
-
-/* Return the value moved towards zero by step, which is not negative; 0 for NaN. */
-ARS_SECTION_CODE static float toward_zero(float value, float step)
-{
-    float result = 0.0f;
-
-    if (value > step) {
-        result = value - step;
-    } else if (value < -step) {
-        result = value + step;
-    } else {
-        /* closer to zero than one step */
-    }
-    return result;
 }
 
 ARS_SECTION_CODE static void input_init(ars_task_input_t *self)
@@ -402,21 +385,6 @@ ARS_SECTION_CODE static bool is_inhibited_for_good(ars_task_t *self)
     return self->inhibited_samples > self->parameters->inhibit_samples_max;
 }
 
-/* Return the command of a sample without control: the angle returns to zero. The controller starts anew after the last such sample. */
-ARS_SECTION_CODE static ars_command_t rest(ars_task_t *self)
-{
-    const ars_parameters_t *parameters = self->parameters;
-    const float rate_max = parameters->limiter.rear_rate_max;
-    const float rate = (parameters->fail_safe_rate < rate_max) ? parameters->fail_safe_rate : rate_max;
-    ars_command_t command;
-
-    ars_controller_init(&self->controller, toward_zero(self->controller.rear_angle, rate * sampling_time));
-    command.rear_angle = self->controller.rear_angle;
-    command.yaw_rate_reference = self->controller.yaw_rate_reference;
-    command.status = self->controller.status;
-    return command;
-}
-
 /* Run the controller and the supervision. Signals of a missing message are passed as not available. The inhibit is held over single lost
  * frames; an impaired loop holds the integrator too. */
 ARS_SECTION_CODE static ars_command_t step(ars_task_t *self, uint32_t diagnostics, bool is_good, bool is_waiting)
@@ -449,7 +417,7 @@ ARS_SECTION_CODE static ars_command_t step(ars_task_t *self, uint32_t diagnostic
         self->measured_angle = self->conditions.rear_angle;
     }
     if (is_inhibited_for_good(self)) {
-        command = rest(self);
+        command = ars_controller_stand_by(&self->controller, self->parameters);
     } else {
         command = ars_controller_step(&self->controller, self->parameters, &measurement);
     }

@@ -19,10 +19,10 @@
 #include "ars_map.h"
 #include "ars_task.h"
 
-#if ARS_MAP_BUILD != 0x433BA42Fu
+#if ARS_MAP_BUILD != 0x5AF8F3C2u
 #error "ars_map.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0x433BA42Fu
+#if ARS_TASK_BUILD != 0x5AF8F3C2u
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -650,6 +650,28 @@ static inline void ars_controller_place_ensures(const ars_controller_t *self, fl
     CONTRACT_ENSURE(ars_controller_holds(self), "self is within its invariant");
     CONTRACT_ENSURE(lies_within(self->rear_angle, 0.061086524f), "|rear_angle| is at most the actuator's largest angle");
     CONTRACT_ENSURE(self->rear_angle == held_within(rear_angle, 0.061086524f), "it starts from the given angle");
+}
+
+static inline void ars_controller_stand_by_requires(const ars_controller_t *self, const ars_parameters_t *parameters)
+{
+    (void)self;
+    (void)parameters;
+    CONTRACT_REQUIRE(ars_controller_holds(self), "ars_controller_stand_by requires: self is within its invariant");
+    CONTRACT_REQUIRE(ars_parameters_holds(parameters), "ars_controller_stand_by requires: parameters is within its invariant");
+}
+
+static inline void ars_controller_stand_by_ensures(const ars_controller_t *self, const ars_parameters_t *parameters, const ars_command_t *result, const ars_controller_t *self_before)
+{
+    (void)self;
+    (void)parameters;
+    (void)result;
+    (void)self_before;
+    CONTRACT_ENSURE(ars_controller_holds(self), "self is within its invariant");
+    CONTRACT_ENSURE((result->rear_angle <= (self_before->rear_angle + (parameters->limiter.rear_rate_max * 0.01f))) || (result->rear_angle == -parameters->limiter.rear_angle_max), "it rises by at most rear_rate_max, or to -rear_angle_max");
+    CONTRACT_ENSURE(((self_before->rear_angle - (parameters->limiter.rear_rate_max * 0.01f)) <= result->rear_angle) || (result->rear_angle == parameters->limiter.rear_angle_max), "it falls by at most rear_rate_max, or to rear_angle_max");
+    CONTRACT_ENSURE((magnitude_of(result->rear_angle) <= magnitude_of(self_before->rear_angle)), "|rear_angle| does not grow");
+    CONTRACT_ENSURE(result->status == ARS_STATUS_STANDBY, "the status is standby");
+    CONTRACT_ENSURE((result->rear_angle == self->rear_angle) && (result->status == self->status), "the command and the status are kept");
 }
 
 static inline void ars_controller_step_requires(const ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)

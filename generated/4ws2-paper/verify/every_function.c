@@ -16,7 +16,7 @@
 #include "ars_dynamics.h"
 #include "ars_map.h"
 
-#if ARS_TASK_BUILD != 0x433BA42Fu
+#if ARS_TASK_BUILD != 0x5AF8F3C2u
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -129,6 +129,9 @@ static void call_controller(void)
             (void)ars_controller_step(&controller, &parameters, &measurement);
             if (any != 0) {
                 ars_controller_place(&controller, any_number);
+            }
+            if (any != 0) {
+                (void)ars_controller_stand_by(&controller, &parameters);
             }
         }
     }

@@ -3,7 +3,7 @@
  *
  * Run in the folder of the build, with CBMC 6 and Bitwuzla:
  *
- * cbmc verify/prove_ars_task_10ms.c src/ars_e2e.c src/ars_can.c src/ars_supervision.c src/ars_task.c verify/assume_ars_controller_init.c verify/assume_ars_controller_place.c verify/assume_ars_controller_step.c -Iinclude -Iverify --function prove_ars_task_10ms --unwind 26 --bounds-check --pointer-check --div-by-zero-check --float-div-by-zero-check --signed-overflow-check --undefined-shift-check --no-standard-checks --unwinding-assertions --slice-formula --bitwuzla
+ * cbmc verify/prove_ars_task_10ms.c src/ars_e2e.c src/ars_can.c src/ars_supervision.c src/ars_task.c verify/assume_ars_controller_init.c verify/assume_ars_controller_place.c verify/assume_ars_controller_stand_by.c verify/assume_ars_controller_step.c -Iinclude -Iverify --function prove_ars_task_10ms --unwind 26 --bounds-check --pointer-check --div-by-zero-check --float-div-by-zero-check --signed-overflow-check --undefined-shift-check --no-standard-checks --unwinding-assertions --slice-formula --bitwuzla
  *
  * The proof counts if CBMC reports VERIFICATION SUCCESSFUL, and if check_end.assertion.1 fails with -DCHECK_END.
  *

@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0xCB9AC020u
+#define ARS_CAN_BUILD 0xA23ACBF7u
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

@@ -26,7 +26,7 @@
 
 #include "ars_reference_model.h"
 
-#if ARS_REFERENCE_MODEL_BUILD != 0xCB9AC020u
+#if ARS_REFERENCE_MODEL_BUILD != 0xA23ACBF7u
 #error "ars_reference_model.h and this source come from different builds"
 #endif
 
@@ -34,7 +34,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0xCB9AC020u
+#define ARS_INPUTS_BUILD 0xA23ACBF7u
 
 /* Measurements of one sample. A value that is not available is NaN. */
 typedef struct {

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0xCB9AC020u
+#define ARS_MAP_BUILD 0xA23ACBF7u
 
 /* Numbers of breakpoints. */
 enum {

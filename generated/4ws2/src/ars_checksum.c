@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0xCB9AC020u
+#if ARS_CHECKSUM_BUILD != 0xA23ACBF7u
 #error "ars_checksum.h and this source come from different builds"
 #endif
 

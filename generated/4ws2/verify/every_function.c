@@ -17,7 +17,7 @@
 #include "ars_dynamics.h"
 #include "ars_map.h"
 
-#if ARS_TASK_BUILD != 0xCB9AC020u
+#if ARS_TASK_BUILD != 0xA23ACBF7u
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -144,6 +144,9 @@ static void call_controller(void)
             (void)ars_controller_step(&controller, &parameters, &measurement);
             if (any != 0) {
                 ars_controller_place(&controller, any_number);
+            }
+            if (any != 0) {
+                (void)ars_controller_stand_by(&controller, &parameters);
             }
         }
     }
