@@ -130,6 +130,13 @@ REQUIREMENTS = (
         ("sil/checks_tracking.py",),
     ),
     Requirement(
+        "ARS-CTL-10",
+        "An initialisation sets each member of its state, whatever the memory held.",
+        (),
+        ("contracts", "law"),
+        ("sil/checks_edges.py",),
+    ),
+    Requirement(
         "ARS-INP-1",
         "The checked sample is finite and within its ranges, whatever was measured.",
         ("inputs_init", "inputs_step"),

@@ -16,9 +16,14 @@ from pathlib import Path
 from typing import Any, Literal
 
 from codegen.emit.contracts.files import FOLDER
+from codegen.emit.contracts.files import command_of as proof_command
+from codegen.emit.render import render
 from codegen.errors import BuildError
+from codegen.sil.software import Software
 from codegen.verify.cbmc import Cbmc, installed
 from codegen.verify.check import Effort, Outcome, Subject, Verdict, stored
+from codegen.verify.law.states import fields, initialised_states
+from codegen.verify.on_host import software_of
 
 Proof = Literal["proved", "failed", "open"]
 TIME_LIMIT_S, QUICK_TIME_LIMIT_S = 300.0, 20.0
@@ -151,7 +156,7 @@ def _place(result: dict[str, Any]) -> str:
 
 SHOWS = (
     "For every input, every valid parameter set, any valid map and every state within its invariant, each function keeps its "
-    "contract: bounds, rates, transitions and invariants; nothing is undefined"
+    "contract: bounds, rates, transitions and invariants; nothing is undefined. An initialisation sets each member of its state"
 )
 LIMITS = (
     "CBMC uses the semantics of the C standard with rounding to nearest, and the type sizes of a 64-bit host. The compiled "
@@ -164,12 +169,34 @@ LIMITS = (
 )
 
 
+def initialisation_harnesses(software: Software, sources: Iterable[str]) -> dict[str, str]:
+    """Return a harness by path for each initialisation: two memories of any content become the same, member by member.
+
+    Args:
+        sources: paths of the C files of the build; calls of other units are not replaced by their contracts.
+    """
+    files = {}
+    for state in initialised_states(software):
+        name = f"{software.prefix}_{state}_init_members"
+        given = {
+            "prefix": software.prefix,
+            "state": state,
+            "name": name,
+            "command": proof_command(name, sources, unwind=16),
+            "members": [*fields(software.ffi, software.new(state)[0])],
+        }
+        files[f"{FOLDER}/prove_{name}.c"] = render("verify/initialisation.c.j2", given).decode("ascii")
+    return files
+
+
 def check(subject: Subject, effort: Effort) -> Outcome:
     """Prove the contracts of a build. Raises MissingTool: CBMC or its solver is not installed."""
     if not subject.is_single:
         return Outcome(SHOWS, "", Verdict.NOT_RUN, ("the contracts are of single precision",), limits=LIMITS)
     cbmc = installed()
-    with stored(subject.sources("include", "src", FOLDER)) as folder:
+    files = subject.sources("include", "src", FOLDER)
+    sources = [path for path in files if path.startswith("src/") and path.endswith(".c")]
+    with stored({**files, **initialisation_harnesses(software_of(subject), sources)}) as folder:
         results = prove(folder, cbmc, QUICK_TIME_LIMIT_S if effort.quick else TIME_LIMIT_S)
     failed, open_ = ([each for each in results if each.verdict == verdict] for verdict in ("failed", "open"))
     proved = len(results) - len(failed) - len(open_)

@@ -230,16 +230,10 @@ def check_actuator_is_followed(built: Built) -> None:
 
 def check_inhibit_for_good(built: Built) -> None:
     """Check that the rear wheels return to zero after the last tolerated sample with Inhibit, and that control comes back."""
-    default = built.software.parameters()
-    for rate in (float(default.limiter.rear_rate_max), 0.5 * float(default.fail_safe_rate)):
-        _check_inhibit(built, rate)
-
-
-def _check_inhibit(built: Built, rate_max: float) -> None:
     can, commanded, tolerated = built.software.config.can, 0.02, 5
     codec, car = Codec(can, built.software.precision), _OtherNodes(can, Codec(can), np.random.default_rng(0), 0)
-    parameters = parameters_of(built, {"inhibit_samples_max": tolerated, "limiter": {"rear_rate_max": rate_max}})
-    step = min(parameters.fail_safe_rate, parameters.limiter.rear_rate_max) * built.software.config.controller.sampling_time_s
+    parameters = parameters_of(built, {"inhibit_samples_max": tolerated})
+    step = parameters.fail_safe_rate * built.software.config.controller.sampling_time_s
     task, angles = built.software.task(parameters), [0.0]
 
     def status(inhibit: bool) -> Status:

@@ -71,6 +71,18 @@ def check_signalling_nan(built: Built) -> None:
         assert command.status == Status.DEGRADED, field
 
 
+def check_stand_by(built: Built) -> None:
+    """Check that without control the rear angle returns to zero at the lower rate of fail-safe and limiter, and ends there."""
+    start, default = built.real(0.02), built.software.parameters()
+    for rate_max in (float(default.limiter.rear_rate_max), 0.5 * float(default.fail_safe_rate)):
+        parameters = parameters_of(built, {"limiter": {"rear_rate_max": rate_max}})
+        step = built.real(min(parameters.fail_safe_rate, parameters.limiter.rear_rate_max)) * built.real(PERIOD)
+        for angle, expected in ((start, start - step), (-start, step - start), (step / 2, 0.0), (-step / 2, 0.0)):
+            controller = built.software.controller(float(angle), parameters)
+            command = built.software.function("controller_stand_by")(controller.state, parameters)
+            assert (command.rear_angle, command.yaw_rate_reference, command.status) == (expected, 0.0, Status.STANDBY)
+
+
 def check_fail_safe(built: Built) -> None:
     """Check that without any input the rear angle returns to zero at its rate, at any speed."""
     step = math.radians(config_of(built).controller.fail_safe.rate_deg_s) * PERIOD

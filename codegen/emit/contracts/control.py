@@ -135,7 +135,8 @@ class ControlUnits(Conditions):
         return Unit(own("controller_stand_by"), own("controller"), arguments, command, True, (), ensures, callees=callees)
 
     def _kept(self, angle: str) -> Claim:
-        return Claim("the command and the status are kept", f"({angle} == self->rear_angle) && (result->status == self->status)")
+        kept = f"({angle} == self->rear_angle) && (result->status == self->status)"
+        return Claim("the command and the status are kept", kept)
 
     def _commanded(self) -> Iterator[Claim]:
         status, angle, before = f"{self.upper}_STATUS", "result->rear_angle", "self_before->rear_angle"

@@ -20,19 +20,21 @@ COMPARED = 40
 """Samples after the damage; a number that enters the state shows in a few."""
 
 
+def initialised_states(software: Software) -> tuple[str, ...]:
+    """Return the states of a build that a function initialises; the states inside are initialised with them."""
+    has_task = hasattr(software.compiled.lib, f"{software.prefix}_task_init")
+    return ("controller", "supervision", "task") if has_task else ("controller",)
+
+
 def initialisation_findings(software: Software) -> Iterator[str]:
     """Yield each field of a state that an initialisation leaves as it was."""
-    parameters = software.parameters()
-    inits: dict[str, Any] = {"controller": lambda state: software.function("controller_init")(state, 0.01)}
-    if hasattr(software.compiled.lib, f"{software.prefix}_task_init"):
-        inits["supervision"] = software.function("supervision_init")
-        inits["task"] = lambda state: software.function("task_init")(state, parameters)
-    for name, init in inits.items():
-        states = []
+    arguments: dict[str, Any] = {"controller": (0.01,), "task": (software.parameters(),)}
+    for name in initialised_states(software):
+        init, states = software.function(f"{name}_init"), []
         for content in CONTENTS:
             state = software.new(name)
             software.ffi.memmove(state, bytes([content]) * software.ffi.sizeof(state[0]), software.ffi.sizeof(state[0]))
-            init(state)
+            init(state, *arguments.get(name, ()))
             states.append(state[0])
         for path in fields(software.ffi, states[0]):
             if len({_image(software.ffi, state, path) for state in states}) > 1:

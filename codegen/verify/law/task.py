@@ -9,7 +9,7 @@ from typing import Any
 
 from codegen.configuration.can import Can
 from codegen.configuration.e2e_profiles import DataId
-from codegen.emit.supervision import CAUSES, STATES, Cause, Reaction, State, next_state, status_of
+from codegen.emit.supervision import CAUSES, STATES, Cause, State, next_state, status_of
 from codegen.sil.software import Command, Measurement, Status
 from codegen.verify.law.controller import SecondController
 from codegen.verify.law.inputs import Quality

@@ -5,7 +5,9 @@ from pathlib import Path
 import pytest
 
 from codegen.verify import cbmc
-from codegen.verify.contracts import prove
+from codegen.verify.check import Subject
+from codegen.verify.contracts import initialisation_harnesses, prove
+from codegen.verify.on_host import software_of
 from tests.emit.rendered import laid_out, rendered
 
 
@@ -18,3 +20,20 @@ def test_a_unit_is_proved_and_a_fault_is_found(tmp_path: Path, sound: str, plant
     source.write_text(source.read_text().replace(sound, planted) if sound else source.read_text())
     (result,) = prove(folder, cbmc.installed(), wanted=lambda name: name == "ars_limiter_init")
     assert result.verdict == verdict
+
+
+@pytest.mark.parametrize(("left_out", "verdict"), [("", "proved"), ("self->silent_calls = 0u;", "failed")])
+def test_each_member_is_initialised(tmp_path: Path, left_out: str, verdict: str) -> None:
+    folder = laid_out(rendered("pi"), tmp_path / "build")
+    source = folder / "src" / "ars_task.c"
+    source.write_text(source.read_text().replace(left_out, "", 1) if left_out else source.read_text())
+    sources = [f"src/{path.name}" for path in sorted((folder / "src").glob("*.c"))]
+    for path, text in initialisation_harnesses(software_of(Subject.read(folder)), sources).items():
+        (folder / path).write_text(text)
+    results = prove(folder, cbmc.installed(), wanted=lambda name: name.endswith("_init_members"))
+    found = {each.harness: each.verdict for each in results}
+    assert found == {
+        "ars_controller_init_members": "proved",
+        "ars_supervision_init_members": "proved",
+        "ars_task_init_members": verdict,
+    }
