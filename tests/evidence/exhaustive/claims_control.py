@@ -204,7 +204,7 @@ def claims(source: Source) -> Iterator[Claim]:
     step = number(float(np.float32(math.radians(rate)) * period))
     text = "moves one step toward zero but not past it; NaN becomes zero"
     fall = number(config.controller.inputs.speed_fall_m_s2 * config.controller.sampling_time_s)
-    for unit, each in (("controller", step), ("task", step), ("inputs", fall)):
+    for unit, each in (("controller", step), ("inputs", fall)):
         yield Claim(unit, "toward_zero", text, TOWARD_ZERO, edges(each), values={"step": each})
     yield from _enabling(source) if waits else _slow_car(source)
     if tracking:
