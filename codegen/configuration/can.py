@@ -14,7 +14,16 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from codegen.configuration.e2e_profiles import DATA_ID_COUNT, DEFAULT, PROFILES, DataId, Profile, ProfileName
+from codegen.configuration.e2e_profiles import (
+    DATA_ID_COUNT,
+    DEFAULT,
+    PROFILES,
+    DataId,
+    DataIdMode,
+    Profile,
+    ProfileName,
+    shared_counters,
+)
 from codegen.configuration.section import Meaning, Range, Section
 from codegen.configuration.signals import MEASURED, SignalDefinition, signals_of
 
@@ -359,6 +368,11 @@ class E2e(Section):
         """The profile's entry in the table."""
         return PROFILES[self.profile]
 
+    @property
+    def good_frames_min(self) -> int:
+        """Least good frames in a window that make a message valid."""
+        return min(self.min_ok_state_init, self.min_ok_state_invalid)
+
     @model_validator(mode="after")
     def _state_is_reached_and_kept(self) -> Self:
         if self.min_ok_state_valid < 1:
@@ -381,6 +395,15 @@ class E2e(Section):
                     "invalid; give at most as much"
                 )
         return self
+
+
+_REMEDIES: dict[DataIdMode, str] = {
+    "both": "change one of them",
+    "alternating": "give data ids that differ in the low byte and in the high byte",
+    "nibble": "change one of them",
+    "list": "give lists that differ at each counter",
+}
+"""What makes two data ids distinct."""
 
 
 class Can(Section):
@@ -468,4 +491,31 @@ class Can(Section):
     def _protected(self) -> Self:
         for message in self.messages().values():
             message.check_protection(self.e2e.definition)
+        for one, other, counters in self.shared_data_ids():
+            if self.e2e.definition.data_id_mode != "list" or len(counters) >= self.e2e.good_frames_min:
+                raise ValueError(self.shared_text(one, other, counters))
         return self
+
+    def shared_data_ids(self) -> Iterator[tuple[Message, Message, tuple[int, ...]]]:
+        """Yield two messages whose data ids E2E does not distinguish, and the counters of the frames that pass.
+
+        Only lists of profile 2 may be so, at fewer counters than a message needs good frames to become valid: frames of the
+        other message alone then never do. Numbers of eight bits cannot differ everywhere in the lists of all messages of a
+        car, which are often given.
+        """
+        profile = self.e2e.definition
+        for one, other in combinations(self.messages().values(), 2):
+            if counters := shared_counters(profile, one.e2e_data_id, other.e2e_data_id):
+                yield one, other, counters
+
+    def shared_text(self, one: Message, other: Message, counters: tuple[int, ...]) -> str:
+        """Return a message about such data ids."""
+        profile = self.e2e.definition
+        ids = [message.e2e_data_id for message in (one, other)]
+        given = " and ".join(f"0x{number:04X}" for number in ids if isinstance(number, int))
+        which = ", ".join(map(str, counters[:3])) + (", …" if len(counters) > 3 else "")
+        return (
+            f"frames of {one.name} pass the check of {other.name} and the other way round, at {len(counters)} of "
+            f"{profile.counter_count} counters ({which}): E2E {profile.title} does not distinguish their "
+            f"{f'data ids {given}' if given else 'data_ids'}; {_REMEDIES[profile.data_id_mode]}"
+        )

@@ -84,7 +84,8 @@ def _beyond(value: float, limits: tuple[float, float]) -> str:
 
 def car_warnings(config: Config) -> tuple[str, ...]:
     """Return a warning for each implausible value and for each pair of keys that contradict each other."""
-    return (*_identified(config), *_vehicle(config), *_tyres(config), *_actuator(config), *_plant(config), *_controller(config))
+    car = (*_identified(config), *_vehicle(config), *_tyres(config), *_actuator(config), *_plant(config))
+    return (*car, *_controller(config), *(config.can.shared_text(*shared) for shared in config.can.shared_data_ids()))
 
 
 def _identified(config: Config) -> Iterator[str]:

@@ -16,6 +16,8 @@ from tests.whole_car import car
 
 DATA_IDS = tuple(bytes(11 * k + 16 * message & 0xFF for k in range(16)) for message in range(3))
 """Data ids of profile 2 for each message."""
+ALTERNATING_IDS = (0x0141, 0x0242, 0x0383)
+"""Data ids of profile 1B for each message. The default identifiers have low or high bytes in common."""
 
 
 def _short(first: int) -> dict[str, Any]:
@@ -50,9 +52,13 @@ def can_of(name: ProfileName) -> dict[str, Any]:
     """Return `[can]` of a configuration with a profile: signals that leave room for its header, and its data ids."""
     header = max(PROFILES[name].header_bits) + 1
     can: dict[str, Any] = _short(header) if header > 12 else {}
-    for role, ids in zip(("vehicle_motion", "vehicle_conditions", "rear_steer_command"), DATA_IDS, strict=True):
-        if PROFILES[name].data_id_mode == "list":
-            can.setdefault(role, {})["data_ids"] = list(ids)
+    roles = ("vehicle_motion", "vehicle_conditions", "rear_steer_command")
+    for role, ids, number in zip(roles, DATA_IDS, ALTERNATING_IDS, strict=True):
+        match PROFILES[name].data_id_mode:
+            case "list":
+                can.setdefault(role, {})["data_ids"] = list(ids)
+            case "alternating":
+                can.setdefault(role, {})["data_id"] = number
     return {**can, "e2e": {"profile": name}}
 
 
