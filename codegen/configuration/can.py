@@ -35,9 +35,6 @@ FRAME_BYTES_MAX = 64
 QUALIFIED = tuple(each.role for each in signals_of("vehicle_motion"))
 """Signals of VehicleMotion that have a bit each in its qualifier, from bit 0."""
 
-NIBBLE_NAME = "DataIdNibble"
-"""Default name in the DBC of the bits of the data id in a frame."""
-
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,31}\Z", re.ASCII)
 
 
@@ -156,7 +153,7 @@ class Message(Section):
     counter_name: Annotated[DbcName, Meaning("name in the DBC of the counter")]
     nibble_name: Annotated[
         DbcName, Meaning("name in the DBC of the four bits of the data id that a frame of profile 1C or 11C carries")
-    ] = Field(default=NIBBLE_NAME, exclude_if=lambda name: name == NIBBLE_NAME)
+    ]
 
     @property
     def e2e_data_id(self) -> DataId:
@@ -260,6 +257,11 @@ def _needs(signal: Signal, length: int) -> None:
         raise ValueError(f"{signal.name} needs {length} bits; it has {signal.length}")
 
 
+def _nibble_name(default: str) -> Any:
+    """Return a field that only a configuration with another name contains."""
+    return Field(default=default, exclude_if=lambda name: name == default)
+
+
 class VehicleMotion(Message, role="vehicle_motion"):
     """Message from the car: speed (m/s), front angle (rad, road wheel), yaw rate (rad/s).
 
@@ -270,6 +272,7 @@ class VehicleMotion(Message, role="vehicle_motion"):
     id: Identifier = 0x101
     crc_name: DbcName = "Motion_Crc"
     counter_name: DbcName = "Motion_Counter"
+    nibble_name: DbcName = _nibble_name("Motion_DataIdNibble")
     qualifier: Annotated[Signal, Meaning("validity: bit 0 speed, bit 1 front angle, bit 2 yaw rate")] = Signal(
         name="Motion_Qualifier", start_bit=12, length=4
     )
@@ -289,6 +292,7 @@ class VehicleConditions(Message, role="vehicle_conditions"):
     id: Identifier = 0x102
     crc_name: DbcName = "Conditions_Crc"
     counter_name: DbcName = "Conditions_Counter"
+    nibble_name: DbcName = _nibble_name("Conditions_DataIdNibble")
 
     @model_validator(mode="after")
     def _one_bit(self) -> Self:
@@ -305,6 +309,7 @@ class RearSteerCommand(Message, role="rear_steer_command"):
     id: Identifier = 0x201
     crc_name: DbcName = "Command_Crc"
     counter_name: DbcName = "Command_Counter"
+    nibble_name: DbcName = _nibble_name("Command_DataIdNibble")
 
     @model_validator(mode="after")
     def _wide_enough(self) -> Self:

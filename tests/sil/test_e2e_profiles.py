@@ -77,13 +77,24 @@ def test_dbc_has_the_frames_of_the_profile(name: ProfileName) -> None:
             int.from_bytes(data[: profile.crc_bytes], "little"),
         )
         assert found.get(message.nibble_name) == (message.id >> 8 if profile.nibble_bits else None)
+        assert not profile.nibble_bits or message.nibble_name == message.crc_name.replace("Crc", "DataIdNibble")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_rest_bus_simulation_that_sends_start_values_passes_the_check(name: ProfileName) -> None:
+    """It counts and computes the CRC, or sends all start values as they are."""
+    built, (_, check) = e2e_profiles.built(name), e2e_profiles.oracle(PROFILES[name])
+    e2e_profiles.check_start_values(built.software.config.can, built.folder.files["ars.dbc"], check)
 
 
 @pytest.mark.parametrize(
     ("can", "words"),
     [
         ({"e2e": {"profile": "3"}}, ("can.e2e.profile",)),
-        ({"e2e": {"profile": "1C"}}, ("DataIdNibble of E2E profile 1, variant 1C and Motion_Qualifier share bit 12", "move")),
+        (
+            {"e2e": {"profile": "1C"}},
+            ("Motion_DataIdNibble of E2E profile 1, variant 1C and Motion_Qualifier share bit 12", "move"),
+        ),
         ({"e2e": {"profile": "5"}}, ("Motion_Crc of E2E profile 5 and Motion_Qualifier share bit 12",)),
         ({"e2e": {"profile": "2"}}, ("VehicleMotion needs data_ids with E2E profile 2; give 16 numbers",)),
         ({"vehicle_motion": {"data_ids": [0] * 16}}, ("VehicleMotion has data_ids with E2E profile 1, variant 1A; remove it",)),

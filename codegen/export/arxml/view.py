@@ -15,7 +15,7 @@ from codegen.configuration.can import NODES, Message, RealSignal
 from codegen.configuration.e2e_profiles import Profile
 from codegen.ecu_map.storage import RAW_MAX
 from codegen.emit.a2l_view import OF_THE_ANGLE
-from codegen.emit.can_view import Cause, Frame, FrameSignal
+from codegen.emit.can_view import Cause, Frame, FrameSignal, HeaderField
 from codegen.emit.controller_view import parameters_by_path
 from codegen.emit.map_view import FRONT_ANGLE_TOP, SPEED_TOP, TABLE_RANGES
 from codegen.emit.render import decimal
@@ -172,14 +172,14 @@ class EventView:
 def message_view(frame: Frame, profile: Profile) -> MessageView:
     """Return the view of a message, the fields of its E2E protection first."""
     texts = (profile.crc.name, "counter", "low four bits of the high byte of the data id")
-    highs = (2**profile.crc.width - 1, profile.counter_max, 15)
-    fields = zip(frame.layout.header(profile), texts, highs, strict=False)  # most profiles have no nibble
-    protection = (_protection(name, f"{text} of the E2E protection", bits, high) for (name, bits), text, high in fields)
+    fields = zip(frame.header, texts, strict=False)  # most profiles have no nibble
+    protection = (_protection(field, f"{text} of the E2E protection") for field, text in fields)
     return MessageView(frame, (*protection, *(_signal(frame.layout, signal) for signal in frame.signals)))
 
 
-def _protection(name: str, text: str, bits: frozenset[int], high: int) -> SignalView:
-    return SignalView(name, text, min(bits), len(bits), True, _platform_type(len(bits), False), (Scale(0, high),))
+def _protection(field: HeaderField, text: str) -> SignalView:
+    place, type_ = (field.start_bit, field.length, True), _platform_type(field.length, False)
+    return SignalView(field.name, text, *place, type_, (Scale(0, field.code_max),), initial=field.start_code)
 
 
 def _signal(message: Message, signal: FrameSignal) -> SignalView:
@@ -196,7 +196,7 @@ def _signal(message: Message, signal: FrameSignal) -> SignalView:
             UNIT_BY_SYMBOL[definition.unit],
             decimal(layout.factor),
             decimal(layout.offset),
-            missing,
+            signal.start_code,
             missing,
             signal,
         )
