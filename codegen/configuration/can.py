@@ -14,7 +14,16 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from codegen.configuration.e2e_profiles import DATA_ID_COUNT, DEFAULT, PROFILES, DataId, Profile, ProfileName
+from codegen.configuration.e2e_profiles import (
+    DATA_ID_COUNT,
+    DEFAULT,
+    PROFILES,
+    DataId,
+    DataIdMode,
+    Profile,
+    ProfileName,
+    shared_counters,
+)
 from codegen.configuration.section import Meaning, Range, Section
 from codegen.configuration.signals import MEASURED, SignalDefinition, signals_of
 
@@ -25,9 +34,6 @@ FRAME_BYTES_MAX = 64
 
 QUALIFIED = tuple(each.role for each in signals_of("vehicle_motion"))
 """Signals of VehicleMotion that have a bit each in its qualifier, from bit 0."""
-
-NIBBLE_NAME = "DataIdNibble"
-"""Default name in the DBC of the bits of the data id in a frame."""
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,31}\Z", re.ASCII)
 
@@ -147,7 +153,7 @@ class Message(Section):
     counter_name: Annotated[DbcName, Meaning("name in the DBC of the counter")]
     nibble_name: Annotated[
         DbcName, Meaning("name in the DBC of the four bits of the data id that a frame of profile 1C or 11C carries")
-    ] = Field(default=NIBBLE_NAME, exclude_if=lambda name: name == NIBBLE_NAME)
+    ]
 
     @property
     def e2e_data_id(self) -> DataId:
@@ -251,6 +257,11 @@ def _needs(signal: Signal, length: int) -> None:
         raise ValueError(f"{signal.name} needs {length} bits; it has {signal.length}")
 
 
+def _nibble_name(default: str) -> Any:
+    """Return a field that only a configuration with another name contains."""
+    return Field(default=default, exclude_if=lambda name: name == default)
+
+
 class VehicleMotion(Message, role="vehicle_motion"):
     """Message from the car: speed (m/s), front angle (rad, road wheel), yaw rate (rad/s).
 
@@ -261,6 +272,7 @@ class VehicleMotion(Message, role="vehicle_motion"):
     id: Identifier = 0x101
     crc_name: DbcName = "Motion_Crc"
     counter_name: DbcName = "Motion_Counter"
+    nibble_name: DbcName = _nibble_name("Motion_DataIdNibble")
     qualifier: Annotated[Signal, Meaning("validity: bit 0 speed, bit 1 front angle, bit 2 yaw rate")] = Signal(
         name="Motion_Qualifier", start_bit=12, length=4
     )
@@ -280,6 +292,7 @@ class VehicleConditions(Message, role="vehicle_conditions"):
     id: Identifier = 0x102
     crc_name: DbcName = "Conditions_Crc"
     counter_name: DbcName = "Conditions_Counter"
+    nibble_name: DbcName = _nibble_name("Conditions_DataIdNibble")
 
     @model_validator(mode="after")
     def _one_bit(self) -> Self:
@@ -296,6 +309,7 @@ class RearSteerCommand(Message, role="rear_steer_command"):
     id: Identifier = 0x201
     crc_name: DbcName = "Command_Crc"
     counter_name: DbcName = "Command_Counter"
+    nibble_name: DbcName = _nibble_name("Command_DataIdNibble")
 
     @model_validator(mode="after")
     def _wide_enough(self) -> Self:
@@ -359,6 +373,11 @@ class E2e(Section):
         """The profile's entry in the table."""
         return PROFILES[self.profile]
 
+    @property
+    def good_frames_min(self) -> int:
+        """Least good frames in a window that make a message valid."""
+        return min(self.min_ok_state_init, self.min_ok_state_invalid)
+
     @model_validator(mode="after")
     def _state_is_reached_and_kept(self) -> Self:
         if self.min_ok_state_valid < 1:
@@ -381,6 +400,15 @@ class E2e(Section):
                     "invalid; give at most as much"
                 )
         return self
+
+
+_REMEDIES: dict[DataIdMode, str] = {
+    "both": "change one of them",
+    "alternating": "give data ids that differ in the low byte and in the high byte",
+    "nibble": "change one of them",
+    "list": "give lists that differ at each counter",
+}
+"""What makes two data ids distinct."""
 
 
 class Can(Section):
@@ -468,4 +496,31 @@ class Can(Section):
     def _protected(self) -> Self:
         for message in self.messages().values():
             message.check_protection(self.e2e.definition)
+        for one, other, counters in self.shared_data_ids():
+            if self.e2e.definition.data_id_mode != "list" or len(counters) >= self.e2e.good_frames_min:
+                raise ValueError(self.shared_text(one, other, counters))
         return self
+
+    def shared_data_ids(self) -> Iterator[tuple[Message, Message, tuple[int, ...]]]:
+        """Yield two messages whose data ids E2E does not distinguish, and the counters of the frames that pass.
+
+        Only lists of profile 2 may be so, at fewer counters than a message needs good frames to become valid: frames of the
+        other message alone then never do. Numbers of eight bits cannot differ everywhere in the lists of all messages of a
+        car, which are often given.
+        """
+        profile = self.e2e.definition
+        for one, other in combinations(self.messages().values(), 2):
+            if counters := shared_counters(profile, one.e2e_data_id, other.e2e_data_id):
+                yield one, other, counters
+
+    def shared_text(self, one: Message, other: Message, counters: tuple[int, ...]) -> str:
+        """Return a message about such data ids."""
+        profile = self.e2e.definition
+        ids = [message.e2e_data_id for message in (one, other)]
+        given = " and ".join(f"0x{number:04X}" for number in ids if isinstance(number, int))
+        which = ", ".join(map(str, counters[:3])) + (", …" if len(counters) > 3 else "")
+        return (
+            f"frames of {one.name} pass the check of {other.name} and the other way round, at {len(counters)} of "
+            f"{profile.counter_count} counters ({which}): E2E {profile.title} does not distinguish their "
+            f"{f'data ids {given}' if given else 'data_ids'}; {_REMEDIES[profile.data_id_mode]}"
+        )

@@ -6,6 +6,8 @@ contracts, the DBC, the ARXML and the bench derive the protection from this tabl
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -49,6 +51,13 @@ class Crc:
             remainder = (remainder << 1) ^ (self.polynomial if remainder & top else 0)
             remainder &= 2 * top - 1
         return remainder
+
+    def of(self, data: Iterable[int]) -> int:
+        """Return the CRC of bytes."""
+        result, mask = self.start, (1 << self.width) - 1
+        for byte in data:
+            result = (result << 8 & mask) ^ self.shifted(result >> (self.width - 8) ^ byte)
+        return result ^ self.final_xor
 
 
 SAE_J1850 = Crc("CRC-8", 8, 0x1D, 0x00, 0x00)
@@ -148,6 +157,20 @@ class Profile:
         low, high = data_id & 0xFF, data_id >> 8
         return {"both": (low, high), "alternating": ((low, high)[counter % 2],), "nibble": (low, 0)}[self.data_id_mode]
 
+    def crc_of(self, data_id: DataId, data: bytes) -> int:
+        """Return the CRC of a frame, over its data id and all bytes of `data` except the first ones, which hold the CRC."""
+        number, contents = self.data_id_bytes(data_id, data[self.counter_byte] & self.counter_mask), data[self.crc_bytes :]
+        return self.crc.of((*number, *contents) if self.has_data_id_first else (*contents, *number))
+
+    @property
+    def counter_mask(self) -> int:
+        """Bits of the counter in its byte."""
+        return (1 << self.counter_length) - 1
+
+    def nibble(self, data_id: DataId) -> int:
+        """Return the bits of the data id that a frame carries; 0 if it carries none."""
+        return data_id >> 8 if self.nibble_bits and isinstance(data_id, int) else 0
+
     @property
     def data_id_max(self) -> int:
         """Largest data id. With a nibble, the frame carries 12 bits of it in all."""
@@ -177,3 +200,19 @@ PROFILES: dict[ProfileName, Profile] = {
 """All profiles by the value of the key `profile`."""
 
 DEFAULT = PROFILES["1A"]
+
+
+@functools.lru_cache
+def shared_counters(profile: Profile, one: DataId, other: DataId) -> tuple[int, ...]:
+    """Return the counters whose frames under one data id pass the check of a receiver with the other one.
+
+    A CRC is linear, so the contents of frames of equal length do not matter: the check cannot distinguish two data ids if the
+    CRC of their own bytes is equal. With both bytes in a CRC of eight bits, each data id has 255 others of that kind.
+    """
+    if profile.nibble(one) != profile.nibble(other):
+        return ()
+
+    def crc(data_id: DataId, counter: int) -> int:
+        return profile.crc.of(profile.data_id_bytes(data_id, counter))
+
+    return tuple(counter for counter in range(profile.counter_count) if crc(one, counter) == crc(other, counter))

@@ -122,6 +122,11 @@ class FrameSignal:
         return (1 << self.layout.length) - 1
 
     @property
+    def start_code(self) -> int:
+        """Code before the first value: "not available", or 0 for a signal without a scale."""
+        return self.layout.raw_not_available if isinstance(self.layout, RealSignal) else 0
+
+    @property
     def qualifier_bit(self) -> int:
         """Mask of the validity bit in the qualifier; 0 if there is none."""
         return 1 << QUALIFIED.index(self.definition.role) if self.definition.message == "vehicle_motion" else 0
@@ -180,6 +185,24 @@ class FrameSignal:
 
 
 @dataclass(frozen=True)
+class HeaderField:
+    """A field of the E2E protection: CRC, counter, or the nibble of the data id.
+
+    Attributes:
+        name: name in the DBC.
+        start_bit, length: position in the frame, in Intel byte order.
+        code_max: largest code.
+        start_code: code in a frame before the first value, which passes the check.
+    """
+
+    name: str
+    start_bit: int
+    length: int
+    code_max: int
+    start_code: int
+
+
+@dataclass(frozen=True)
 class Frame:
     """A message with its signals.
 
@@ -188,6 +211,7 @@ class Frame:
         layout: configured message.
         title: phrase for comments.
         sender, receiver: nodes of the DBC.
+        header: fields of the E2E protection.
     """
 
     role: str
@@ -195,6 +219,7 @@ class Frame:
     title: str
     sender: str
     receiver: str
+    header: tuple[HeaderField, ...]
     signals: tuple[FrameSignal, ...]
 
     @property
@@ -378,11 +403,25 @@ _DEFINITIONS = {(each.message, each.role): each for each in SIGNALS} | {("vehicl
 
 def _frame(can: Can, role: str, precision: Precision) -> Frame:
     layout = can.messages()[role]
-    signals = (
+    signals = tuple(
         FrameSignal(_DEFINITIONS[role, name], signal, layout.byte_order, precision) for name, signal in layout.signals().items()
     )
     title, sender, receiver = _TITLES[role]
-    return Frame(role, layout, title, sender, receiver, tuple(signals))
+    return Frame(role, layout, title, sender, receiver, _header(can, layout, signals), signals)
+
+
+def _header(can: Can, layout: Message, signals: tuple[FrameSignal, ...]) -> tuple[HeaderField, ...]:
+    """Return the fields of the protection. Their start codes protect a frame of the start codes of its signals."""
+    profile, data_id, data = can.e2e.definition, layout.e2e_data_id, bytearray(can.frame_bytes)
+    for signal in signals:
+        for place, bit in enumerate(signal.layout.bits(layout.byte_order)):
+            data[bit // 8] |= (signal.start_code >> place & 1) << bit % 8
+    nibble = profile.nibble(data_id)
+    data[1] |= nibble << 4
+    starts = (profile.crc_of(data_id, bytes(data)), 0, nibble)
+    highs = (2**profile.crc.width - 1, profile.counter_max, 15)
+    fields = zip(layout.header(profile), highs, starts, strict=False)  # most profiles have no nibble
+    return tuple(HeaderField(name, min(bits), len(bits), high, start) for (name, bits), high, start in fields)
 
 
 def _pieces(signal: Signal, byte_order: str) -> tuple[Piece, ...]:

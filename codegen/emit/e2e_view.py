@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from codegen.configuration.e2e_profiles import DEFAULT, Profile
@@ -181,15 +180,5 @@ class E2eView:
         data[self.profile.counter_byte] = counter
         return bytes(data)
 
-    def _crc_of(self, data: Sequence[int]) -> int:
-        crc, data_id = self.profile.crc, self.lists[0] if self.lists else EXAMPLE_ID
-        number = self.profile.data_id_bytes(data_id, data[self.profile.counter_byte])
-        covered = (
-            (*number, *data[self.profile.crc_bytes :])
-            if self.profile.has_data_id_first
-            else (*data[self.profile.crc_bytes :], *number)
-        )
-        result, mask = crc.start, (1 << crc.width) - 1
-        for byte in covered:
-            result = (result << 8 & mask) ^ crc.shifted(result >> (crc.width - 8) ^ byte)
-        return result ^ crc.final_xor
+    def _crc_of(self, data: bytes) -> int:
+        return self.profile.crc_of(self.lists[0] if self.lists else EXAMPLE_ID, data)

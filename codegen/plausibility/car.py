@@ -84,8 +84,9 @@ def _beyond(value: float, limits: tuple[float, float]) -> str:
 
 def car_warnings(config: Config) -> tuple[str, ...]:
     """Return a warning for each implausible value and for each pair of keys that contradict each other."""
-    of_the_car = (*_vehicle(config), *_tyres(config), *_actuator(config), *_plant(config))
-    return (*_identified(config), *of_the_car, *_other_kinds(config), *_controller(config))
+    of_the_car = (*_identified(config), *_vehicle(config), *_tyres(config), *_actuator(config), *_plant(config))
+    of_the_bus = (config.can.shared_text(*shared) for shared in config.can.shared_data_ids())
+    return (*of_the_car, *_other_kinds(config), *_controller(config), *of_the_bus)
 
 
 def _identified(config: Config) -> Iterator[str]:

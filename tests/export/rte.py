@@ -203,7 +203,9 @@ class Rte:
             elif category == "ARRAY":
                 self.header.append(f"typedef {self.item(each)[0]} {each.item_name}{self.item(each)[1]};")
             else:
-                self.header.append(f"typedef {one(each, PROPS + '/BASE-TYPE-REF/@').item_name} {each.item_name};")
+                self.header.append(
+                    f"typedef {text(one(each, PROPS + '/BASE-TYPE-REF/@'), 'NATIVE-DECLARATION')} {each.item_name};"
+                )
                 for scale in find(each, PROPS + "/COMPU-METHOD-REF/@/COMPU-INTERNAL-TO-PHYS/COMPU-SCALES/COMPU-SCALE"):
                     self.header.append(f"#define {text(scale, 'COMPU-CONST/VT')} {text(scale, 'LOWER-LIMIT')}u")
 

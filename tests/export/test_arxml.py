@@ -8,6 +8,7 @@ import json
 import re
 import shutil
 import subprocess
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -124,7 +125,101 @@ def test_the_strict_reader_has_no_warning_and_finds_every_reference(name: str, v
     model, warnings = rte.load(written(name, *variant))
     assert warnings == []
     assert model.check_references() == []
+    assert repeated_names(model) == []
     assert all(file.version == autosar_data.AutosarVersion.AUTOSAR_00051 for file in model.files)
+
+
+OF_THEIR_OWNER = {
+    "AR-PACKAGE",
+    "IMPLEMENTATION-DATA-TYPE-ELEMENT",  # of an array or record
+    "PARAMETER-ACCESS",  # of a runnable
+    "P-PORT-PROTOTYPE",  # of a component
+    "R-PORT-PROTOTYPE",
+    "VARIABLE-DATA-PROTOTYPE",  # of an interface: the functions of the RTE have the name of the port too
+}
+"""Kinds of elements whose names generators combine with that of their owner, and packages."""
+OF_COM = ("I-SIGNAL", "I-SIGNAL-GROUP", "I-SIGNAL-I-PDU", "I-SIGNAL-I-PDU-GROUP")
+"""Kinds of elements that become containers of one configuration, that of COM."""
+
+
+def repeated_names(model: Any) -> list[tuple[str, str]]:
+    """Return kind and short name of each repetition that a generator without packages would find."""
+    kinds = [(each.element_name, each.item_name) for _, each in model.identifiable_elements]
+    kinds += [("COM", name) for kind, name in kinds if kind in OF_COM]
+    return sorted(each for each, count in Counter(kinds).items() if count > 1 and each[0] not in OF_THEIR_OWNER)
+
+
+def test_short_names_are_unique_where_names_in_the_dbc_are_not(tmp_path: Path) -> None:
+    """Names of messages, groups and parameters are taken too. cantools decodes a frame with the names of the ARXML."""
+    can = e2e_profiles.can_of("11C")
+    for role in ("vehicle_motion", "vehicle_conditions", "rear_steer_command"):
+        can[role] |= {"crc_name": "Crc", "counter_name": "Counter", "nibble_name": "Nibble"}
+    can["vehicle_motion"]["speed"]["name"] = "VehicleMotion"
+    can["vehicle_motion"]["front_angle"]["name"] = "VehicleConditions_Group"
+    can["vehicle_conditions"]["inhibit"]["name"] = "integral_gain"
+    can["vehicle_conditions"]["friction"]["name"] = "VehicleMotion_Crc"
+    can["rear_steer_command"]["status"]["name"] = "Dem_EventStatusType"
+    config = builds.CONFIG.model_copy(update={"can": car({"can": can}).can})
+    write_folder(builds.render(builds.paper_map(), config), tmp_path / "build")
+    for protection in get_args(Protection):
+        write_folder(export(tmp_path / "build", protection).folder, tmp_path / protection)
+        model, warnings = rte.load(tmp_path / protection)
+        assert (warnings, model.check_references(), repeated_names(model)) == ([], [], [])
+    database = cantools.database.load_file(tmp_path / "transformer" / "ars.arxml")
+    message = config.can.vehicle_motion
+    data = protect(message.e2e_data_id, 3, bytes(8), PROFILES["11C"])
+    assert database.decode_message(message.id, data) == {
+        "VehicleMotion_VehicleMotion_Crc": data[0],
+        "VehicleMotion_Counter": 3,
+        "VehicleMotion_Nibble": 1,
+        "Motion_Qualifier": 0,
+        "VehicleMotion_VehicleMotion": 0.0,
+        "VehicleMotion_VehicleConditions_Group": 0.0,
+        "YawRate": 0.0,
+    }
+
+
+PLACE_OF_LIMITS = (
+    "SW-DATA-DEF-PROPS-VARIANTS/SW-DATA-DEF-PROPS-CONDITIONAL/DATA-CONSTR-REF/@/DATA-CONSTR-RULES/DATA-CONSTR-RULE"
+)
+
+
+@pytest.mark.parametrize("name", [*BUILDS, *FRAME_KINDS])
+def test_signals_have_the_limits_of_the_dbc(name: str) -> None:
+    """In codes; "not available" is a valid code too, and a table of texts is limited to its texts. cantools does not read the
+    constraints of an ARXML."""
+    model, expected = rte.load(written(name))[0], dict[str, tuple[int, int]]()
+    for signal in (each for message in cantools_of(name).messages for each in message.signals):
+        codes = list(signal.choices or ())
+        if all(text == "not available" for text in (signal.choices or {}).values()):
+            codes += [round((limit - signal.offset) / signal.scale) for limit in (signal.minimum, signal.maximum)]
+        expected[signal.name] = (min(codes), max(codes))
+    for kind, props in (
+        ("I-SIGNAL", "NETWORK-REPRESENTATION-PROPS"),
+        ("SYSTEM-SIGNAL", "PHYSICAL-PROPS"),
+        ("APPLICATION-PRIMITIVE-DATA-TYPE", "SW-DATA-DEF-PROPS"),
+    ):
+        found = {}
+        for each, element in rte.named(model, kind).items():
+            for limits in rte.find(element, f"{props}/{PLACE_OF_LIMITS}/INTERNAL-CONSTRS"):
+                found[each] = tuple(int(rte.text(limits, f"{side}-LIMIT")) for side in ("LOWER", "UPPER"))
+        header = {of for each in can_of(name).messages().values() for of, _ in each.header(can_of(name).e2e.definition)}
+        wanted = expected.keys() - header if kind == "APPLICATION-PRIMITIVE-DATA-TYPE" else expected.keys()
+        assert found == {each: expected[each] for each in wanted}
+
+
+ATTRIBUTES_OF_SIGNALS = (
+    "start",
+    "length",
+    "byte_order",
+    "is_signed",
+    "scale",
+    "offset",
+    "unit",
+    "choices",
+    "receivers",
+    "raw_initial",
+)
 
 
 @pytest.mark.parametrize("name", [*BUILDS, *FRAME_KINDS])
@@ -143,7 +238,7 @@ def test_cantools_reads_the_messages_of_the_dbc(name: str) -> None:
         assert {each.name for each in here.signals} == {each.name for each in there.signals}
         for signal in there.signals:
             other = here.get_signal_by_name(signal.name)
-            for attribute in ("start", "length", "byte_order", "is_signed", "scale", "offset", "unit", "choices", "receivers"):
+            for attribute in ATTRIBUTES_OF_SIGNALS:
                 assert getattr(other, attribute) == getattr(signal, attribute), (signal.name, attribute)
         for data in random.integers(0, 256, (10_000, here.length), dtype=np.uint8):
             assert here.decode(data.tobytes()) == there.decode(data.tobytes())
@@ -165,6 +260,7 @@ SYNCHRONISATION = {"MAX-NO-NEW-OR-REPEATED-DATA", "SYNC-COUNTER-INIT"}
 BEHAVIOR = {"PROFILE-BEHAVIOR"}
 OFFSET = {"OFFSET"}
 ATTRIBUTES: dict[ProfileName, set[str]] = {
+    "1B": PLACES | SYNCHRONISATION | BEHAVIOR,
     "1C": PLACES | NIBBLE | SYNCHRONISATION | BEHAVIOR,
     "2": OFFSET | SYNCHRONISATION | BEHAVIOR,
     "5": OFFSET,
@@ -184,6 +280,7 @@ def test_readers_find_the_profile_and_its_data_ids(profile: ProfileName, tmp_pat
         model, warnings = rte.load(tmp_path / protection)
         assert warnings == []
         assert model.check_references() == []
+        assert repeated_names(model) == []
         found, expected = {each.element_name for _, each in model.elements_dfs}, ATTRIBUTES[profile]
         optional = PLACES | NIBBLE | SYNCHRONISATION | BEHAVIOR | OFFSET
         assert found & optional == (expected if protection == "transformer" else expected - BEHAVIOR - OFFSET)

@@ -23,6 +23,7 @@ from hil_sim.plant_node import PlantNode
 from hil_sim.scenarios import find
 from tests import builds
 from tests.frame_kinds import FD, IDS, KINDS, built, folder
+from tests.sil.e2e_profiles import check_start_values
 from tests.test_config import refused
 from tests.whole_car import car
 
@@ -65,6 +66,7 @@ def test_dbc_and_python_have_the_same_frames(name: str) -> None:
     for message in database.messages:
         assert (message.length, message.is_fd) == (can.frame_bytes, can.is_fd)
         assert message.dbc.attributes["CANFD_BRS"].value == 1 if can.is_fd else "CANFD_BRS" not in message.dbc.attributes
+    check_start_values(can, built(name).folder.files["ars.dbc"])
     motion = VehicleMotion(12.5, 0.05, -0.25)
     data = protect(can.vehicle_motion.e2e_data_id, 3, codec.encode(motion), can.e2e.definition)
     found = database.decode_message(can.vehicle_motion.id, data)

@@ -4,18 +4,22 @@ import functools
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import cantools
 import numpy as np
 from cantools.autosar.end_to_end import compute_profile2_crc, compute_profile5_crc
 from e2e import p01, p02, p05, p11
 
 from codegen.configuration import Config
+from codegen.configuration.can import Can, RealSignal
 from codegen.configuration.e2e_profiles import PROFILES, DataId, Profile, ProfileName
-from hil_sim.e2e import E2eStatus
+from hil_sim.e2e import E2eStatus, Receiver, protect
 from tests import builds
 from tests.whole_car import car
 
 DATA_IDS = tuple(bytes(11 * k + 16 * message & 0xFF for k in range(16)) for message in range(3))
 """Data ids of profile 2 for each message."""
+ALTERNATING_IDS = (0x0141, 0x0242, 0x0383)
+"""Data ids of profile 1B for each message. The default identifiers have low or high bytes in common."""
 
 
 def _short(first: int) -> dict[str, Any]:
@@ -50,9 +54,13 @@ def can_of(name: ProfileName) -> dict[str, Any]:
     """Return `[can]` of a configuration with a profile: signals that leave room for its header, and its data ids."""
     header = max(PROFILES[name].header_bits) + 1
     can: dict[str, Any] = _short(header) if header > 12 else {}
-    for role, ids in zip(("vehicle_motion", "vehicle_conditions", "rear_steer_command"), DATA_IDS, strict=True):
-        if PROFILES[name].data_id_mode == "list":
-            can.setdefault(role, {})["data_ids"] = list(ids)
+    roles = ("vehicle_motion", "vehicle_conditions", "rear_steer_command")
+    for role, ids, number in zip(roles, DATA_IDS, ALTERNATING_IDS, strict=True):
+        match PROFILES[name].data_id_mode:
+            case "list":
+                can.setdefault(role, {})["data_ids"] = list(ids)
+            case "alternating":
+                can.setdefault(role, {})["data_id"] = number
     return {**can, "e2e": {"profile": name}}
 
 
@@ -81,6 +89,24 @@ def oracle(profile: Profile) -> tuple[Callable[[bytearray, Any], None], Callable
     mode = {"data_id_mode": getattr(module, f"E2E_P{number}_DATAID_{_MODES[profile.data_id_mode]}")}
     protect, check = (getattr(module, f"e2e_p{number}_{what}") for what in ("protect", "check"))
     return functools.partial(protect, increment_counter=False, **mode), functools.partial(check, **mode)
+
+
+def check_start_values(can: Can, dbc: bytes, check: Callable[[bytearray, Any], bool] | None = None) -> None:
+    """Check that a frame of the start values in a DBC passes, also `check`, and has no value that counts as measured.
+
+    A frame with another counter only needs another CRC.
+    """
+    database, profile = cantools.database.load_string(dbc.decode()), can.e2e.definition
+    for message in can.messages().values():
+        layout, number = database.get_message_by_name(message.name), message.e2e_data_id
+        codes = {signal.name: signal.raw_initial for signal in layout.signals}
+        start = layout.encode(codes, scaling=False)
+        assert Receiver(can.e2e, can.frame_bytes).check(number, start) == E2eStatus.INITIAL
+        assert check is None or check(bytearray(start), number)
+        later = layout.encode({**codes, message.counter_name: 5}, scaling=False)
+        assert protect(number, 5, later, profile)[profile.crc_bytes :] == later[profile.crc_bytes :]
+        reals = {signal.name for signal in message.signals().values() if isinstance(signal, RealSignal)}
+        assert reals == {name for name, value in layout.decode(start).items() if value == "not available"}
 
 
 def cantools_crc(profile: Profile, data: bytes, data_id: DataId) -> int | None:

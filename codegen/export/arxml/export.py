@@ -28,7 +28,7 @@ from codegen.export.arxml.view import (
     CalibrationView,
     event_view,
     map_views,
-    message_view,
+    message_views,
     parameter_views,
 )
 from codegen.sil.software import require_can_side
@@ -58,6 +58,9 @@ CALIBRATION_PERIOD_S = 1.0
 
 REJECTED = Cause(16, "PARAMETERS_REJECTED", "the parameters of the RTE are not valid; others are in use", "")
 """Event of the adapter, beside those of the controller."""
+
+EVENT_STATUS = "Dem_EventStatusType"
+"""Type of the status of an event, with the name that the Dem has for it."""
 
 SECTIONS = (
     ("CODE", "CODE", ""),
@@ -166,7 +169,7 @@ def _context(manifest: Mapping[str, Any], config: Config, protection: Protection
     can, period = can_view(config, precision), config.controller.sampling_time_s
     calibrated = (*parameters, *tables)
     bits = numpy_type(precision)().itemsize * 8
-    messages = tuple(message_view(frame, can.profile) for frame in can.messages)
+    messages = message_views(can.messages, can.profile, (EVENT_STATUS, *(each.name for each in calibrated)))
     measured = (signal for message in messages for signal in message.signals)
     used = {NONE, *(each.unit for each in calibrated), *(signal.unit for signal in measured)}
     by_transformer = protection == "transformer"
@@ -193,6 +196,7 @@ def _context(manifest: Mapping[str, Any], config: Config, protection: Protection
         "arrays": _arrays(calibrated),
         "layouts": _layouts(calibrated),
         "units": tuple(unit for unit in UNITS if unit in used),
+        "event_status": EVENT_STATUS,
         "events": tuple(event_view(cause, period) for cause in (*can.diagnostics, REJECTED)),
         "nodes": NODES,
         "frame_bytes": can.frame_bytes,

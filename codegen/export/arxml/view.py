@@ -5,8 +5,10 @@ Signals come from the frames of the DBC, parameters from those of the C, the map
 
 from __future__ import annotations
 
+import itertools
 import re
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +17,7 @@ from codegen.configuration.can import NODES, Message, RealSignal
 from codegen.configuration.e2e_profiles import Profile
 from codegen.ecu_map.storage import RAW_MAX
 from codegen.emit.a2l_view import OF_THE_ANGLE
-from codegen.emit.can_view import Cause, Frame, FrameSignal
+from codegen.emit.can_view import Cause, Frame, FrameSignal, HeaderField
 from codegen.emit.controller_view import parameters_by_path
 from codegen.emit.map_view import FRONT_ANGLE_TOP, SPEED_TOP, TABLE_RANGES
 from codegen.emit.render import decimal
@@ -54,7 +56,7 @@ class SignalView:
     """A signal of a PDU.
 
     Attributes:
-        name: name in the DBC.
+        name: short name, see `message_views`.
         start_bit, length: position as in the DBC.
         is_intel: byte order.
         type: platform type of its code.
@@ -113,6 +115,11 @@ class MessageView:
         return self.frame.name
 
     @property
+    def group(self) -> str:
+        """Short name of its signal group."""
+        return group_name(self.frame)
+
+    @property
     def is_received(self) -> bool:
         """Whether the controller receives it."""
         return self.frame.receiver == NODES[1]
@@ -169,42 +176,67 @@ class EventView:
     passed: int
 
 
-def message_view(frame: Frame, profile: Profile) -> MessageView:
+def group_name(frame: Frame) -> str:
+    """Return the short name of a message's signal group."""
+    return f"{frame.name}_Group"
+
+
+def message_views(frames: Sequence[Frame], profile: Profile, taken: Iterable[str]) -> tuple[MessageView, ...]:
+    """Return the views of the messages.
+
+    Generators of COM and types use short names without their packages, so they are unique over all messages: those of the DBC,
+    with the name of the message as a prefix if another message, its group or `taken` has the same.
+    """
+    names = {frame.name: [*(each.name for each in frame.header), *(each.name for each in frame.signals)] for frame in frames}
+    count = Counter(itertools.chain.from_iterable(names.values()))
+    reserved, found = {*taken, *names, *map(group_name, frames)}, []
+    used = reserved | count.keys()
+    for frame in frames:
+        short = {}
+        for name in names[frame.name]:
+            short[name] = name
+            if count[name] > 1 or name in reserved:
+                while short[name] in used:
+                    short[name] = f"{frame.name}_{short[name]}"
+            used.add(short[name])
+        found.append(_message(frame, profile, short))
+    return tuple(found)
+
+
+def _message(frame: Frame, profile: Profile, short: Mapping[str, str]) -> MessageView:
     """Return the view of a message, the fields of its E2E protection first."""
     texts = (profile.crc.name, "counter", "low four bits of the high byte of the data id")
-    highs = (2**profile.crc.width - 1, profile.counter_max, 15)
-    fields = zip(frame.layout.header(profile), texts, highs, strict=False)  # most profiles have no nibble
-    protection = (_protection(name, f"{text} of the E2E protection", bits, high) for (name, bits), text, high in fields)
-    return MessageView(frame, (*protection, *(_signal(frame.layout, signal) for signal in frame.signals)))
+    fields = zip(frame.header, texts, strict=False)  # most profiles have no nibble
+    protection = (_protection(field, short[field.name], f"{text} of the E2E protection") for field, text in fields)
+    return MessageView(frame, (*protection, *(_signal(frame.layout, signal, short[signal.name]) for signal in frame.signals)))
 
 
-def _protection(name: str, text: str, bits: frozenset[int], high: int) -> SignalView:
-    return SignalView(name, text, min(bits), len(bits), True, _platform_type(len(bits), False), (Scale(0, high),))
+def _protection(field: HeaderField, name: str, text: str) -> SignalView:
+    place, type_ = (field.start_bit, field.length, True), _platform_type(field.length, False)
+    return SignalView(name, text, *place, type_, (Scale(0, field.code_max),), initial=field.start_code)
 
 
-def _signal(message: Message, signal: FrameSignal) -> SignalView:
+def _signal(message: Message, signal: FrameSignal, name: str) -> SignalView:
     layout, definition = signal.layout, signal.definition
     place = (layout.start_bit, layout.length, message.byte_order == "intel")
     if isinstance(layout, RealSignal):
         missing = layout.raw_not_available
         return SignalView(
-            layout.name,
+            name,
             definition.meaning,
             *place,
             _platform_type(layout.length, layout.signed),
-            (Scale(layout.raw_low, layout.raw_high), Scale(missing, missing, NOT_AVAILABLE, f"{layout.name}_NotAvailable")),
+            (Scale(layout.raw_low, layout.raw_high), Scale(missing, missing, NOT_AVAILABLE, f"{name}_NotAvailable")),
             UNIT_BY_SYMBOL[definition.unit],
             decimal(layout.factor),
             decimal(layout.offset),
-            missing,
+            signal.start_code,
             missing,
             signal,
         )
-    texts = tuple(
-        Scale(code, code, text, re.sub(r"\W", "_", f"{layout.name}_{text}")) for code, text in enumerate(definition.values)
-    )
+    texts = tuple(Scale(code, code, text, re.sub(r"\W", "_", f"{name}_{text}")) for code, text in enumerate(definition.values))
     scales = texts or (Scale(0, signal.mask),)
-    return SignalView(layout.name, definition.meaning, *place, _platform_type(layout.length, False), scales, framed=signal)
+    return SignalView(name, definition.meaning, *place, _platform_type(layout.length, False), scales, framed=signal)
 
 
 def _platform_type(length: int, signed: bool) -> str:
