@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -130,7 +131,7 @@ def to_dict(log: BusLog) -> dict[str, Any]:
                 "file": each.path.name,
                 "messages": len(each.database.messages),
                 "findings": list(each.findings),
-                "left_out": list(each.left_out),
+                "left_out": [dataclasses.asdict(line) for line in each.left_out],
             }
             for each in log.databases.files
         ],

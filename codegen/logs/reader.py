@@ -19,10 +19,12 @@ def read_frames(path: Path) -> tuple[Frames, FileAccount]:
     """Read the frames of a log, on one clock, and account for every frame of the file.
 
     Raises:
-        CodegenError: not a regular file, over 1 GiB, damaged, cut short, or the package that reads it is missing.
+        CodegenError: no log by its name, not a regular file, over 1 GiB, damaged or cut short, or its reader is not installed.
     """
-    limits = Limits.of(require_regular(path, BYTES_MAX, "give a shorter log"), SMALL_SLOW_BYTES)
     kind = path.suffix.lower()
+    if kind not in LOGS:
+        raise CodegenError("not a log of a CAN bus", where=path, remedy="give .blf, .asc, .log (candump) or .mf4 (version 4)")
+    limits = Limits.of(require_regular(path, BYTES_MAX, "give a shorter log"), SMALL_SLOW_BYTES)
     try:
         if kind == ".mf4":
             found: tuple[Frames, FileAccount] = child.call("codegen.logs.mf4", "read", path, limits=limits)
