@@ -9,10 +9,8 @@ from codegen.files import reason_of, require_regular
 from codegen.importing import child
 from codegen.limits import SMALL_SLOW_BYTES, Limits
 from codegen.logs import library_warnings
-from codegen.logs.frames import REMEDY, Collector, FileAccount, Frames
+from codegen.logs.frames import BYTES_MAX, REMEDY, Collector, FileAccount, Frames
 from codegen.requirements import pip_install
-
-BYTES_MAX = 2**30
 
 
 def read_frames(path: Path) -> tuple[Frames, FileAccount]:

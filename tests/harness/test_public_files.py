@@ -11,6 +11,7 @@ from codegen.errors import CodegenError
 from codegen.verify.check import Effort, Verdict
 from tests.evidence.progress import Progress
 from tests.evidence.public import counts, files
+from tests.identify import made
 from tests.logs.test_databases import DBC
 
 OTHER = 'BO_ 1073741824 Beyond: 8 A\n SG_ Any : 0|8@1+ (1,0) [0|0] "" A\nCM_ "\nBO_ 9 no message: 8 A\n";\n'
@@ -55,8 +56,8 @@ def losing(real: Callable[..., Any], what: Callable[[Any], None]) -> Callable[..
         ("load_database", lambda loaded: loaded.database.messages.pop(), "2 messages are not read, 1 are refused"),
         ("load_database", lambda loaded: loaded.database.messages[0].signals.pop(), "3 signals, 1 read, 1 refused"),
         ("load_database", lambda loaded: loaded.left_out.clear(), "1 messages are not read, 0 are refused"),
-        ("open_bus_log", lambda log: log.file.others.clear(), "entries by a plain count"),
-        ("open_bus_log", lambda log: log.frames.data.__setitem__(0, b"\x07"), "1 frames that python-can reads are not in"),
+        ("open_log", lambda log: log.file.others.clear(), "entries by a plain count"),
+        ("open_log", lambda log: log.frames.data.__setitem__(0, b"\x07"), "1 frames that python-can reads are not in"),
     ],
 )
 def test_a_loss_is_a_fault(
@@ -90,3 +91,13 @@ def test_objects_of_a_blf_are_counted_in_containers_and_outside(tmp_path: Path) 
 def test_a_folder_without_such_files_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(CodegenError, match="no file of the kinds"):
         files.run((tmp_path,), Effort(), Progress())
+
+
+def test_rows_of_a_measurement_are_compared_with_the_samples_of_its_groups(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = made.write_mf4(tmp_path / "drive.mf4")
+    whole = files.account_of(path)
+    assert whole.faults == () and whole.entries == whole.read == sum(counts.samples(path))
+    monkeypatch.setattr(files, "open_log", losing(files.open_log, lambda account: account.groups.pop()))
+    assert "samples in its groups" in files.account_of(path).faults[0]

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from codegen.cli.identify_command import DRIVE_ENDINGS
+from codegen.cli.options import DRIVE_ENDINGS
 from codegen.identify.channels import ENDINGS, NOT_AVAILABLE
 from codegen.identify.drive import Drive
 from codegen.identify.names import Names

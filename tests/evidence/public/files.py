@@ -14,9 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from codegen.errors import CodegenError
-from codegen.logs.account import open_bus_log, to_dict
+from codegen.logs.account import BusLog, open_log, to_dict
 from codegen.logs.databases import Databases, load_database
 from codegen.logs.frames import Frames, Kind
+from codegen.logs.measurement import Account
 from codegen.text_table import text_table
 from codegen.verify.check import Effort, Outcome, Verdict
 from tests.evidence.progress import Progress
@@ -35,8 +36,8 @@ class Row:
     """Account of one file.
 
     Attributes:
-        entries: messages of a database; frames and other entries of a log.
-        read, refused: number of messages or frames. other: entries of a log that are no frames.
+        entries: messages of a database; frames and other entries of the log of a bus; rows of a measurement.
+        read, refused: number of messages, frames or rows. other: entries that are no frames.
         why: reasons for those that are refused.
         faults: what does not agree with the independent count.
     """
@@ -142,10 +143,21 @@ def _log(path: Path) -> Row:
     known = Counter() if path.suffix.lower() in NOT_READ_BY_PYTHON_CAN else counts.frames(path)
     entries = counts.entries(path)
     try:
-        log = open_bus_log(path, Databases(()))
+        log = open_log(path, Databases(()))
     except CodegenError as error:
         count = known.total() if entries is None else entries
         return Row(count, 0, count, 0, *_refusal(error, path))
+    return _measurement(log, counts.samples(path)) if isinstance(log, Account) else _bus(log, entries, known)
+
+
+def _measurement(account: Account, samples: Sequence[int]) -> Row:
+    rows = [group.rows for group in account.groups]
+    read = sum(group.read for group in account.groups)
+    faults = [] if rows == list(samples) else [f"{samples} samples in its groups, {rows} rows in the account"]
+    return Row(sum(samples), read, sum(rows) - read, 0, "; ".join(account.findings), tuple(faults))
+
+
+def _bus(log: BusLog, entries: int | None, known: Counter[counts.Frame]) -> Row:
     account = to_dict(log)
     frames, other = account["frames"], sum(log.file.others.values())
     refused = sum(each["frames"] for each in frames["skipped"])
