@@ -24,17 +24,13 @@ from codegen.errors import CodegenError
 from codegen.identify.findings import CLOCK, REMARK
 from codegen.identify.names import Names
 from codegen.importing.quantities import Name, take_apart, unit_of
-from codegen.logs.account import BusLog, open_bus_log
+from codegen.logs.account import ENDINGS, KINDS, BusLog, open_bus_log
 from codegen.logs.databases import BusKey, Databases, Defined
 from codegen.logs.measurement import MEASUREMENTS, Account, Measurement, Samples, damage, open_measurement
-from codegen.logs.reader import LOGS
 
 if TYPE_CHECKING:
     from cantools.database.can import Message, Signal
 
-ENDINGS = tuple(dict.fromkeys((*LOGS, *MEASUREMENTS)))
-"""Extensions of logs."""
-KINDS = "give .mf4, .blf, .asc, .log (candump), .csv or .parquet"
 NOT_AVAILABLE = re.compile(
     r"(?<![a-z])(?:sna|n/?a|err)(?![a-z])|invalid|not.?avail|unavail|error|fault|fail|init|unknown|reserved|undef|defect"
     r"|ungueltig|ungültig|fehler",

@@ -11,27 +11,50 @@ from typing import Any
 import numpy as np
 from asammdf import MDF
 
-from codegen.arrays import AnyArray, FloatArray
+from codegen.arrays import AnyArray, BoolArray, FloatArray
+from codegen.importing import library_warnings
 from codegen.importing.rows import ARRAY, INVALID, NO_VALUE, TEXT, UNUSED, Count, Group, group_of
 
+FRAME_CHANNELS = ("CAN_DataFrame", "CAN_RemoteFrame", "CAN_ErrorFrame", "CAN_OverloadFrame")
+"""Channels of the log of a bus (ASAM MDF 4.1, bus logging)."""
 
-def columns(path: Path, names: Sequence[str], bytes_max: int) -> list[FloatArray] | None:
-    """Return the physical values of the named channels; None for the log of a bus.
 
-    A channel whose values are texts, as those of a status are, gives its numbers. For `bytes_max` and errors see `samples`.
+def is_bus_log(mdf: MDF) -> bool:
+    """Return whether a file has frames of a bus."""
+    return any(name in mdf.channels_db for name in FRAME_CHANNELS)
+
+
+def columns(path: Path, names: Sequence[str], bytes_max: int) -> tuple[list[FloatArray], list[str]] | None:
+    """Return the physical values of the named channels, and what is not plain; None for the log of a bus.
+
+    Invalid values are NaN. A channel whose values are texts, as those of a status are, gives its numbers. For `bytes_max` and
+    errors see `samples`.
     """
-    with MDF(path) as mdf:
-        if "CAN_DataFrame" in mdf.channels_db:
+    with library_warnings.collected() as warnings, MDF(path) as mdf:
+        if is_bus_log(mdf):
             return None
         _check_size(mdf, [place for name in names for place in mdf.channels_db[name][:1]], bytes_max)
-        return [_column(mdf, name) for name in names]
+        found = [_column(mdf, name, warnings) for name in names]
+    return found, warnings
 
 
-def _column(mdf: MDF, name: str) -> FloatArray:
-    samples: AnyArray = mdf.get(name).samples
+def _column(mdf: MDF, name: str, notes: list[str]) -> FloatArray:
+    signal = mdf.get(name, ignore_invalidation_bits=True)
+    samples: AnyArray = signal.samples
     if samples.dtype.kind not in "biuf":
-        samples = mdf.get(name, raw=True).samples
-    return np.array(samples, dtype=np.float64)
+        samples = mdf.get(name, raw=True, ignore_invalidation_bits=True).samples
+    values = np.array(samples, dtype=np.float64)
+    valid = _valid(signal)
+    if not valid.all():
+        notes.append(f"{np.count_nonzero(~valid)} of {valid.size} samples of {name} are {INVALID}")
+    values[~valid] = np.nan
+    return values
+
+
+def _valid(signal: Any) -> BoolArray:
+    if signal.invalidation_bits is None:
+        return np.ones(len(signal.samples), dtype=bool)
+    return ~np.asarray(signal.invalidation_bits, dtype=bool)
 
 
 BYTES_PER_NUMBER = 8
@@ -50,7 +73,7 @@ class ChannelName:
 def channels(path: Path) -> list[ChannelName] | None:
     """Return all channels that have times, but for these; None for the log of a bus. Raises whatever asammdf raises."""
     with MDF(path) as mdf:
-        if "CAN_DataFrame" in mdf.channels_db:
+        if is_bus_log(mdf):
             return None
         return [
             ChannelName(_name(group), str(channel.name), _unit(channel), (number, index))
@@ -84,8 +107,8 @@ def _no_time(mdf: MDF, number: int) -> str:
 
 def samples(
     path: Path, places: Sequence[tuple[int, int]], bytes_max: int
-) -> tuple[list[tuple[FloatArray, FloatArray]], list[Count], list[Group]]:
-    """Return times in s and values of channels, their counts, and those of all groups.
+) -> tuple[list[tuple[FloatArray, FloatArray]], list[Count], list[Group], list[str]]:
+    """Return times in s and values of channels, their counts, those of all groups, and asammdf's warnings.
 
     Invalid samples are left out; texts, which mark reserved values, are NaN. Only stamps of the channels' groups are read.
 
@@ -96,7 +119,7 @@ def samples(
         ValueError: more than that, or a channel has no number.
         Exception: whatever asammdf raises for a damaged file.
     """
-    with MDF(path) as mdf:
+    with library_warnings.collected() as warnings, MDF(path) as mdf:
         _check_size(mdf, places, bytes_max)
         found, counts = [], []
         for place in places:
@@ -106,11 +129,12 @@ def samples(
                 raise ValueError(str(error)) from None
             found.append((time, values))
             counts.append(_count(mdf, place, values, reasons))
-        return found, counts, _groups(mdf, {group for group, _ in places})
+        groups = _groups(mdf, {group for group, _ in places})
+    return found, counts, groups, warnings
 
 
-def account(path: Path, bytes_max: int) -> tuple[list[Count], list[Group]]:
-    """Return the counts of all channels that have times, and of all groups.
+def account(path: Path, bytes_max: int) -> tuple[list[Count], list[Group], list[str]]:
+    """Return the counts of all channels that have times, and of all groups, and asammdf's warnings.
 
     Args:
         bytes_max: limit on the size of each channel.
@@ -119,7 +143,7 @@ def account(path: Path, bytes_max: int) -> tuple[list[Count], list[Group]]:
         ValueError: a channel is larger.
         Exception: whatever asammdf raises for a damaged file.
     """
-    with MDF(path) as mdf:
+    with library_warnings.collected() as warnings, MDF(path) as mdf:
         counts = []
         for number, group in enumerate(list[Any](mdf.groups)):
             _check_size(mdf, [(number, 0)], bytes_max)
@@ -131,7 +155,8 @@ def account(path: Path, bytes_max: int) -> tuple[list[Count], list[Group]]:
                 except _NoNumbersError as error:
                     values, reasons = np.zeros(error.reasons.get(TEXT, 0)), error.reasons
                 counts.append(_count(mdf, (number, index), values, reasons))
-        return counts, _groups(mdf, set(range(len(mdf.groups))))
+        groups = _groups(mdf, set(range(len(mdf.groups))))
+    return counts, groups, warnings
 
 
 def _groups(mdf: MDF, wanted: set[int]) -> list[Group]:
@@ -179,9 +204,7 @@ def _samples(mdf: MDF, group: int, index: int) -> tuple[FloatArray, FloatArray, 
     found, time = signal.samples, np.array(signal.timestamps, dtype=np.float64)
     if found.ndim != 1 or found.dtype.kind not in "biufSUO":
         raise _NoNumbersError(f"{signal.name} has no numbers", {ARRAY: len(found)} if len(found) else {})
-    valid = np.ones(len(found), dtype=bool)
-    if signal.invalidation_bits is not None:
-        valid = ~np.asarray(signal.invalidation_bits, dtype=bool)
+    valid = _valid(signal)
     reasons = {INVALID: int(np.count_nonzero(~valid))}
     if found.dtype.kind in "biuf":
         values = np.array(found, dtype=np.float64)[valid]

@@ -17,7 +17,7 @@ from codegen.logs import measurement
 from codegen.logs.databases import Databases, Directory
 from codegen.logs.frames import FileAccount, Frames, Kind
 from codegen.logs.measurement import open_measurement
-from codegen.logs.reader import read_frames
+from codegen.logs.reader import LOGS, read_frames
 from codegen.logs.senders import FATES, Allotment, Fate, allot
 
 DIRECTIONS = ("received", "sent")
@@ -103,6 +103,11 @@ def open_bus_log(path: Path, databases: Directory, channel: str | None = None) -
     return BusLog(path, frames, account, allot(frames, databases, channel, path), databases)
 
 
+ENDINGS = tuple(dict.fromkeys((*LOGS, *measurement.MEASUREMENTS)))
+"""Extensions of logs."""
+KINDS = "give .mf4, .blf, .asc, .log (candump), .csv or .parquet"
+
+
 def open_log(
     path: Path, databases: Databases, channel: str | None = None, time: str | None = None, time_unit: str | None = None
 ) -> BusLog | measurement.Account:
@@ -115,6 +120,8 @@ def open_log(
     Raises:
         CodegenError: the log or a database cannot be read, or the log has no such channel, or no bus.
     """
+    if path.suffix.lower() not in ENDINGS:
+        raise CodegenError("not a log", where=path, remedy=KINDS)
     found = open_measurement(path, time, time_unit) if path.suffix.lower() in measurement.MEASUREMENTS else None
     if found is None:
         return open_bus_log(path, databases, channel)

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Protocol
 
 from codegen.errors import CodegenError, one_line
 from codegen.files import read_file, require_regular
+from codegen.importing import library_warnings
 from codegen.importing.xml_head import check_head
 from codegen.limits import Limits
-from codegen.logs import library_warnings
 from codegen.requirements import missing
 
 if TYPE_CHECKING:

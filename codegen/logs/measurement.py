@@ -82,6 +82,7 @@ class Account:
         groups: rows of channels with common stamps; a table has one.
         channels: samples of the channels that were read.
         others: kind of a line that is no row -> number.
+        warnings: warnings of the library.
     """
 
     path: Path
@@ -90,6 +91,7 @@ class Account:
     groups: Sequence[Group]
     channels: Sequence[Count]
     others: Mapping[str, int] = field(default_factory=dict)
+    warnings: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         """Raise CodegenError if the account of a channel does not close."""
@@ -109,6 +111,7 @@ class Account:
             for reason, (count, place) in group.skipped.items()
             if reason != UNUSED
         ]
+        lines += [f"asammdf warns: {text}" for text in self.warnings]
         if self.clock == DIFFERENCES:
             lines.append("its stamps do not grow: they seem to be times from one row to the next, which are not added up")
         return lines
@@ -295,12 +298,12 @@ def _mf4(path: Path) -> Measurement | None:
     bytes_max = child.result_bytes(limits)
 
     def read_samples(places: Sequence[Any]) -> tuple[list[Samples], Account]:
-        samples, counts, groups = _in_child(path, "mf4", "samples", list(places), bytes_max, limits=limits)
-        return [Samples(*one) for one in samples], Account(path, "MF4", PLAIN_CLOCK, groups, counts)
+        samples, counts, groups, warnings = _in_child(path, "mf4", "samples", list(places), bytes_max, limits=limits)
+        return [Samples(*one) for one in samples], Account(path, "MF4", PLAIN_CLOCK, groups, counts, warnings=warnings)
 
     def read_all() -> Account:
-        counts, groups = _in_child(path, "mf4", "account", bytes_max, limits=limits)
-        return Account(path, "MF4", PLAIN_CLOCK, groups, counts)
+        counts, groups, warnings = _in_child(path, "mf4", "account", bytes_max, limits=limits)
+        return Account(path, "MF4", PLAIN_CLOCK, groups, counts, warnings=warnings)
 
     return Measurement([Column(one.group, one.name, one.unit, one.place) for one in found], read_samples, read_all)
 

@@ -6,9 +6,8 @@ from pathlib import Path
 
 from codegen.errors import CodegenError, one_line
 from codegen.files import reason_of, require_regular
-from codegen.importing import child
+from codegen.importing import child, library_warnings
 from codegen.limits import SMALL_SLOW_BYTES, Limits
-from codegen.logs import library_warnings
 from codegen.logs.frames import BYTES_MAX, REMEDY, Collector, FileAccount, Frames
 from codegen.requirements import pip_install
 

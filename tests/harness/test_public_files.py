@@ -36,7 +36,7 @@ def test_every_entry_is_read_or_refused(tmp_path: Path, capsys: pytest.CaptureFi
     assert found.figure == "5 files: 3 messages and 16 entries of logs, 0 not accounted for"
     assert found.figures[".dbc"] == {"files": 1, "entries": 3, "read": 2, "refused": 1, "other": 0, "faults": 0}
     assert found.figures[".trc"] == {"files": 1, "entries": 3, "read": 0, "refused": 3, "other": 0, "faults": 0}
-    assert "not a log of a CAN bus; give .blf" in capsys.readouterr().out
+    assert "not a log; give .mf4" in capsys.readouterr().out
 
 
 def losing(real: Callable[..., Any], what: Callable[[Any], None]) -> Callable[..., Any]:

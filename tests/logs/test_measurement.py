@@ -10,9 +10,12 @@ import pytest
 
 from codegen.errors import CodegenError
 from codegen.importing.rows import Count, Group
-from codegen.logs.account import open_log, to_dict
+from codegen.logs.account import BusLog, open_log, to_dict
 from codegen.logs.databases import Databases
 from codegen.logs.measurement import Account, open_measurement
+from tests.importing.conftest import in_this_process
+
+__all__ = ["in_this_process"]
 
 NONE = Databases(())
 
@@ -96,6 +99,7 @@ def mf4(path: Path) -> Path:
     return path
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_rows_of_an_mf4(tmp_path: Path) -> None:
     """Those of a group over the crank angle have no time; asammdf would return angles as seconds."""
     path = mf4(tmp_path / "drive.mf4")
@@ -119,6 +123,16 @@ def test_rows_of_an_mf4(tmp_path: Path) -> None:
     assert samples.values.size == 0
     assert read.groups[0].skipped == {"no channel of their group is used": (5, "group 0")}
     assert read.findings == found.findings, "what is not used is plain"
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_a_bus_without_frames_of_data_is_no_measurement(tmp_path: Path) -> None:
+    with asammdf.MDF(version="4.10") as mdf:
+        mdf.append([asammdf.Signal(np.zeros(3), np.arange(3.0), name="CAN_ErrorFrame")])
+        mdf.save(tmp_path / "drive.mf4", overwrite=True)
+    found = open_log(tmp_path / "drive.mf4", NONE)
+    assert isinstance(found, BusLog)
+    assert dict(found.file.skipped) == {"its group is not marked as bus events": (3, "group 0")}
 
 
 def test_the_account_of_every_channel_closes(tmp_path: Path) -> None:
@@ -147,6 +161,14 @@ def test_the_column_of_the_time_can_be_named(tmp_path: Path) -> None:
     with pytest.raises(CodegenError, match="no column is called time"):
         account(path)
     assert account(path, time="when", time_unit="ms").groups[0].duration_s == pytest.approx(0.01)
+
+
+def test_another_format_is_named_as_such(tmp_path: Path) -> None:
+    (tmp_path / "drive.trc").write_text(";$FILEVERSION=1.1\n", encoding="ascii")
+    with pytest.raises(
+        CodegenError, match=r"drive\.trc: not a log; give \.mf4, \.blf, \.asc, \.log \(candump\), \.csv or \.parquet"
+    ):
+        open_log(tmp_path / "drive.trc", NONE)
 
 
 def test_options_of_a_bus_are_refused(tmp_path: Path) -> None:
