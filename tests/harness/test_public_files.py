@@ -12,7 +12,10 @@ from codegen.verify.check import Effort, Verdict
 from tests.evidence.progress import Progress
 from tests.evidence.public import counts, files
 from tests.identify import made
+from tests.importing.conftest import in_this_process
 from tests.logs.test_databases import DBC
+
+__all__ = ["in_this_process"]
 
 OTHER = 'BO_ 1073741824 Beyond: 8 A\n SG_ Any : 0|8@1+ (1,0) [0|0] "" A\nCM_ "\nBO_ 9 no message: 8 A\n";\n'
 
@@ -33,7 +36,7 @@ def written(folder: Path) -> Path:
 def test_every_entry_is_read_or_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     found = files.run((written(tmp_path),), Effort(), Progress())
     assert (found.verdict, found.findings) == (Verdict.PASSED, ())
-    assert found.figure == "5 files: 3 messages and 16 entries of logs, 0 not accounted for"
+    assert found.figure == "5 files: 3 messages and 16 entries of logs, 0 faults"
     assert found.figures[".dbc"] == {"files": 1, "entries": 3, "read": 2, "refused": 1, "other": 0, "faults": 0}
     assert found.figures[".trc"] == {"files": 1, "entries": 3, "read": 0, "refused": 3, "other": 0, "faults": 0}
     assert "not a log; give .mf4" in capsys.readouterr().out
@@ -93,6 +96,7 @@ def test_a_folder_without_such_files_is_an_error(tmp_path: Path) -> None:
         files.run((tmp_path,), Effort(), Progress())
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_rows_of_a_measurement_are_compared_with_the_samples_of_its_groups(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

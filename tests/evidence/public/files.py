@@ -7,9 +7,11 @@ else, and any entry without a use or a reason, is a fault.
 
 from __future__ import annotations
 
+import hashlib
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +29,9 @@ SHOWS = "every message of public databases and every entry of public logs is rea
 LOGS = (".asc", ".blf", ".log", ".mf4", ".trc", ".mdf")
 KINDS = (".dbc", *LOGS)
 HEADER = ("file", "entries", "read", "refused", "other", "why refused")
+WHY_SHOWN = 120
+"""Characters of the reasons of a file that the table shows."""
+LIBRARIES = ("asammdf", "cantools", "python-can")
 NOT_READ_BY_PYTHON_CAN = (".mf4", ".mdf")
 """Its reader of MF4 needs a log of a bus, and has none for older versions."""
 
@@ -53,33 +58,39 @@ class Row:
 def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
     """Account for all files of KINDS in the folders. The quick form is the same."""
     del effort, progress
-    found = {
-        str(path.relative_to(folder)): account_of(path)
+    paths = {
+        path.relative_to(folder).as_posix(): path
         for folder in folders
         for path in sorted(folder.rglob("*"))
         if path.suffix.lower() in KINDS and path.is_file()
     }
-    if not found:
+    if not paths:
         raise CodegenError("no file of the kinds " + ", ".join(KINDS), where=folders[0], remedy="see docs/evidence.md")
+    found = {name: account_of(path) for name, path in paths.items()}
     cells = [
         (name, *map(str, (row.entries, row.read, row.refused, row.other)), row.why[:WHY_SHOWN]) for name, row in found.items()
     ]
     print(text_table(HEADER, cells, left=1), flush=True)
     faults = tuple(f"{name}: {fault}" for name, row in found.items() for fault in row.faults)
-    figures = {kind: _total(kind, {name: row for name, row in found.items() if name.lower().endswith(kind)}) for kind in KINDS}
+    figures = {kind: _total([row for name, row in found.items() if name.lower().endswith(kind)]) for kind in KINDS}
     figures = {kind: total for kind, total in figures.items() if total["files"]}
-    messages, frames = (_sum(figures, kinds) for kinds in (KINDS[:1], LOGS))
-    figure = f"{len(found)} files: {messages} messages and {frames} entries of logs, {len(faults)} not accounted for"
-    return Outcome(SHOWS, figure, Verdict.FAILED if faults else Verdict.PASSED, faults, figures)
+    messages, entries = (_sum(figures, kinds) for kinds in (KINDS[:1], LOGS))
+    figure = f"{len(found)} files: {messages} messages and {entries} entries of logs, {len(faults)} faults"
+    verdict, versions = Verdict.FAILED if faults else Verdict.PASSED, {name: metadata.version(name) for name in LIBRARIES}
+    return Outcome(SHOWS, figure, verdict, faults, {**figures, "files, SHA-256": _digest(paths)}, tools=versions)
 
 
-WHY_SHOWN = 120
+def _digest(paths: Mapping[str, Path]) -> str:
+    """Return the SHA-256 over names and contents of files."""
+    whole = hashlib.sha256()
+    for name, path in paths.items():
+        whole.update(f"{name} {hashlib.sha256(path.read_bytes()).hexdigest()}\n".encode())
+    return whole.hexdigest()
 
 
-def _total(kind: str, rows: dict[str, Row]) -> dict[str, int]:
-    del kind
-    numbers = Counter({"files": len(rows), "faults": sum(len(row.faults) for row in rows.values())})
-    for row in rows.values():
+def _total(rows: Sequence[Row]) -> dict[str, int]:
+    numbers = Counter({"files": len(rows), "faults": sum(len(row.faults) for row in rows)})
+    for row in rows:
         numbers.update({key: value for key, value in asdict(row).items() if isinstance(value, int)})
     return {key: numbers[key] for key in ("files", "entries", "read", "refused", "other", "faults")}
 
