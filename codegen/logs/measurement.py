@@ -21,7 +21,7 @@ from codegen.errors import CodegenError, one_line
 from codegen.files import require_regular
 from codegen.importing import child, table
 from codegen.importing.rows import MISSING, TEXT, UNUSED, Count, Group, group_of, without
-from codegen.importing.source import TABLE_BYTES_MAX, read, text_of
+from codegen.importing.source import TABLE_BYTES_MAX, ImportFault, read, text_of
 from codegen.limits import SMALL_SLOW_BYTES, Limits
 from codegen.logs.frames import BYTES_MAX
 from codegen.logs.text import are_differences
@@ -235,10 +235,15 @@ def _text_table(path: Path, time: str | None, time_unit: str | None) -> Measurem
         return np.array([cells.value(line, index, path) for line in cells.body], dtype=np.float64)
 
     def count(index: int) -> Count:
-        texts = sum(not cells.is_number(line.cells[index]) for line in cells.body)
-        lines = [line for line in cells.body if cells.is_number(line.cells[index])] if texts else cells.body
-        values = np.array([cells.value(line, index, path) for line in lines], dtype=np.float64)
-        reasons = without(values) | ({TEXT: texts} if texts else {})
+        values = []
+        for line in cells.body:
+            try:
+                values.append(cells.value(line, index, path))
+            except ImportFault:
+                if cells.is_number(line.cells[index]):
+                    raise
+        texts = len(cells.body) - len(values)
+        reasons = without(np.array(values, dtype=np.float64)) | ({TEXT: texts} if texts else {})
         return Count(names[index], "", 0, len(cells.body) - sum(reasons.values()), reasons)
 
     def account(times: FloatArray, counts: Sequence[Count]) -> Account:
