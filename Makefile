@@ -36,8 +36,8 @@ screenshots: sil docs ## report, explorer and guide as pictures at three widths,
 test: $(READY) ## the tests that every change needs; minutes
 	@$(BIN)/python -m pytest -n auto -qq
 
-evidence: $(READY) ## what a release needs, with records in docs/evidence; PART=name for one part, QUICK=1 as CI runs it
-	@$(BIN)/python -m tests.evidence $(PART) $(if $(QUICK),--quick)
+evidence: $(READY) ## what a release needs, with records in docs/evidence; PART=name for one part, QUICK=1 as CI runs it, FILES=DIR for public files
+	@$(BIN)/python -m tests.evidence $(PART) $(if $(QUICK),--quick) $(if $(FILES),--files "$(FILES)")
 
 check: $(READY) ## lint, format and types, nothing changed
 	@$(BIN)/ruff check .

@@ -18,8 +18,10 @@ from codegen.cli.options import (
     channel_option,
     configuration_file,
     database_option,
+    drive_log,
     folder_to_write,
     report_to_write,
+    signals_option,
 )
 from codegen.errors import CodegenError
 from codegen.text_table import text_table
@@ -31,7 +33,6 @@ if TYPE_CHECKING:
 
 ACCELERATION_DEFAULT, DURATION_DEFAULT = 4.0, 180.0
 """Limits of --plan: m/s^2, the range in which the car is about linear; and s."""
-DRIVE_ENDINGS = (".mf4", ".blf", ".asc", ".log", ".csv", ".tsv", ".txt", ".dat", ".parquet")
 
 
 @cli.command(
@@ -47,7 +48,7 @@ DRIVE_ENDINGS = (".mf4", ".blf", ".asc", ".log", ".csv", ".tsv", ".txt", ".dat",
     "--log",
     "logs",
     multiple=True,
-    type=FileType(DRIVE_ENDINGS),
+    type=drive_log,
     metavar="FILE",
     help="A measured drive: .mf4, .blf, .asc, .log (candump), .csv or .parquet; may be repeated.",
 )
@@ -55,19 +56,13 @@ DRIVE_ENDINGS = (".mf4", ".blf", ".asc", ".log", ".csv", ".tsv", ".txt", ".dat",
     "--hold-out",
     "held_out",
     multiple=True,
-    type=FileType(DRIVE_ENDINGS),
+    type=drive_log,
     metavar="FILE",
     help="A measured drive that is only predicted, to validate the result; may be repeated.",
 )
 @database_option
 @channel_option
-@click.option(
-    "--signals",
-    "names_path",
-    type=configuration_file,
-    metavar="TOML",
-    help="Names, units and signs of the signals, if they are not obvious.",
-)
+@signals_option
 @click.option(
     "-o",
     "--output",
@@ -328,7 +323,7 @@ def reading_as_json(reading: Reading) -> dict[str, Any]:
             "duration_s": float(drive.time[-1] - drive.time[0]),
             "step_s": float(drive.time[1] - drive.time[0]),
             "signals": {key: dataclasses.asdict(source) for key, source in sources.items()},
-            "account": None if account is None else to_dict(account),
+            "account": to_dict(account),
         }
         for drive, sources, account in zip(reading.drives, reading.sources, reading.accounts, strict=True)
     ]

@@ -232,7 +232,8 @@ picture_to_write = FileType((".png",), to_write=True)
 csv_to_write = FileType((".csv",), to_write=True)
 run_to_write = FileType((".mf4", ".parquet", ".mat", ".csv"), to_write=True)
 report_to_write = FileType((".html",), to_write=True)
-bus_log = FileType((".blf", ".asc", ".log", ".mf4"))
+DRIVE_ENDINGS = (".mf4", ".blf", ".asc", ".log", ".csv", ".tsv", ".txt", ".dat", ".parquet")
+drive_log = FileType(DRIVE_ENDINGS)
 log_to_write = FileType((".blf", ".asc", ".log", ".mf4"), to_write=True)
 
 
@@ -255,6 +256,13 @@ database_option = click.option(
 )
 channel_option = click.option(
     "--channel", metavar="NAME", help="Use the frames of this channel of a log only, as the log names it: can0, 1."
+)
+signals_option = click.option(
+    "--signals",
+    "names_path",
+    type=configuration_file,
+    metavar="TOML",
+    help="names.toml: names, units and signs of the signals, column of the time, channel, if they are not obvious.",
 )
 bus_option = click.option(
     "--bus",

@@ -10,9 +10,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import re
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -21,34 +19,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from codegen.arrays import FloatArray, IndexArray
-from codegen.errors import CodegenError, one_line
-from codegen.files import require_regular
+from codegen.arrays import IndexArray
+from codegen.errors import CodegenError
 from codegen.identify.findings import CLOCK, REMARK
 from codegen.identify.names import Names
-from codegen.importing import child, table
 from codegen.importing.quantities import Name, take_apart, unit_of
-from codegen.importing.source import TABLE_BYTES_MAX, read, text_of
-from codegen.limits import SMALL_SLOW_BYTES, Limits
-from codegen.logs.account import BusLog, open_bus_log
+from codegen.logs.account import ENDINGS, KINDS, BusLog, open_bus_log
 from codegen.logs.databases import BusKey, Databases, Defined
-from codegen.logs.reader import BYTES_MAX, LOGS
-from codegen.requirements import missing
+from codegen.logs.measurement import MEASUREMENTS, Account, Measurement, Samples, damage, open_measurement
 
 if TYPE_CHECKING:
     from cantools.database.can import Message, Signal
 
-    from codegen.importing.mf4 import ChannelName
-
-TABLES = (".csv", ".tsv", ".txt", ".dat")
-ENDINGS = (*LOGS, *TABLES, ".parquet")
-"""Extensions of logs."""
-KINDS = "give .mf4, .blf, .asc, .log (candump), .csv or .parquet"
-TIME_NAMES = re.compile(
-    r"(time|t|times|timestamp|timestamps|zeit)(?:[\s_.]*[\[({]?\s*(s|sec|ms|us|ns)\s*[\])}]?)?\Z", re.IGNORECASE
-)
-"""Name of a column of times, with its unit or without."""
-TIME_UNITS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 NOT_AVAILABLE = re.compile(
     r"(?<![a-z])(?:sna|n/?a|err)(?![a-z])|invalid|not.?avail|unavail|error|fault|fail|init|unknown|reserved|undef|defect"
     r"|ungueltig|ungültig|fehler",
@@ -59,21 +41,6 @@ NOT_AVAILABLE = re.compile(
 
 BITS_MAX = 64
 """Length of the longest number in a frame."""
-
-
-@dataclass(frozen=True)
-class Samples:
-    """Samples of a channel, in the order of the file.
-
-    Attributes:
-        time: (n,) s, in any order; NaN where the log has no time.
-        values: (n,) in the unit of the channel; NaN where the log marks them as not available.
-        remark: note for the user on how they were read.
-    """
-
-    time: FloatArray
-    values: FloatArray
-    remark: str = ""
 
 
 @dataclass(frozen=True)
@@ -107,17 +74,15 @@ class Log:
 
     Attributes:
         channels: all channels.
-        read: returns the samples of channels at these places. Raises CodegenError.
+        read: returns the samples of channels at these places, and the account of the file. Raises CodegenError.
         remarks: kind, text and number of lost frames of what is not plain in the log as a whole.
         conflicts: a text for each identifier that several messages have.
-        bus: the account, for the log of a bus.
     """
 
     channels: Sequence[Channel]
-    read: Callable[[Sequence[Any]], list[Samples]]
+    read: Callable[[Sequence[Any]], tuple[list[Samples], BusLog | Account]]
     remarks: Sequence[tuple[str, str, int]] = ()
     conflicts: Sequence[str] = ()
-    bus: BusLog | None = None
 
 
 def open_log(path: Path, databases: Databases, names: Names) -> Log:
@@ -133,136 +98,17 @@ def open_log(path: Path, databases: Databases, names: Names) -> Log:
     kind = path.suffix.lower()
     if kind not in ENDINGS:
         raise CodegenError("not the log of a drive", where=path, remedy=KINDS)
-    require_regular(path, TABLE_BYTES_MAX if kind in TABLES else BYTES_MAX, KINDS)
-    if kind in TABLES:
-        return _text_table(path, names)
-    if kind == ".parquet":
-        return _parquet(path, names)
-    measurement = _measurement(path) if kind == ".mf4" else None
-    return measurement or _bus_log(path, databases, names.channel)
+    found = open_measurement(path, names.time, names.time_unit) if kind in MEASUREMENTS else None
+    return _bus_log(path, databases, names.channel) if found is None else _measurement(found)
 
 
-# --- tables --------------------------------------------------------------------------------------------------------------
-
-
-def _time_column(columns: Sequence[str], names: Names, path: Path) -> tuple[int, float]:
-    """Return the number of the column of times and the size of its unit in s.
-
-    Raises:
-        CodegenError: there is no such column, or a name is there twice.
-    """
-    twice = next((name for name, count in Counter(columns).items() if count > 1), None)
-    if twice is not None:
-        raise CodegenError(f"the column {twice!r} is there twice", where=path, remedy="give each column a name of its own")
-    if names.time is not None:
-        if names.time not in columns:
-            raise CodegenError(f"no column {names.time!r}", where=path, remedy=f"`time` is one of {', '.join(columns)}")
-        index = columns.index(names.time)
-    else:
-        found = [index for index, column in enumerate(columns) if TIME_NAMES.fullmatch(column.strip())]
-        if len(found) != 1:
-            what = "no column is called time" if not found else f"{len(found)} columns of times"
-            remedy = f'name it in a file for --signals: time = "NAME"; there is {", ".join(columns)}'
-            raise CodegenError(what, where=path, remedy=remedy)
-        index = found[0]
-    match = TIME_NAMES.fullmatch(columns[index].strip())
-    return index, TIME_UNITS[names.time_unit or ((match and match[2]) or "s").lower()]
-
-
-def _text_table(path: Path, names: Names) -> Log:
-    source = read(path, TABLE_BYTES_MAX)
-    limits = Limits.of(len(source.data))
-    with limits.enforced(path):
-        cells = table.split(text_of(source), path)
-    if cells.head is None:
-        raise CodegenError(
-            "the first line has no names", where=path, remedy="give a line such as time_s, vx_m_s, yaw_rate_rad_s"
-        )
-    columns = list(cells.head.cells)
-    of_time, size = _time_column(columns, names, path)
-
-    def read_columns(indices: Sequence[int]) -> list[Samples]:
-        with limits.enforced(path):
-            time, *values = (np.array([cells.value(line, index, path) for line in cells.body]) for index in (of_time, *indices))
-        return [_present(time * size, one) for one in values]
-
-    return Log(_columns(columns, of_time), read_columns)
-
-
-def _columns(columns: Sequence[str], of_time: int) -> list[Channel]:
-    return [Channel(column, take_apart(column), "", index) for index, column in enumerate(columns) if index != of_time]
-
-
-def _present(time: FloatArray, values: FloatArray) -> Samples:
-    """Return the samples that have a value: in a table of several rates most cells of a slow signal are empty."""
-    has_value = ~np.isnan(values)
-    return Samples(time[has_value], values[has_value])
-
-
-def _parquet(path: Path, names: Names) -> Log:
-    limits = Limits.of(path.stat().st_size, SMALL_SLOW_BYTES)
-    found: list[tuple[str, str]] = _in_child(path, "parquet", "columns", limits=limits)
-    columns = [name for name, _ in found]
-    of_time, size = _time_column(columns, names, path)
-    if found[of_time][1] == "time":
-        size = 1e-9
-
-    def read_columns(indices: Sequence[int]) -> list[Samples]:
-        wanted = [columns[index] for index in (of_time, *indices)]
-        time, *values = _in_child(path, "parquet", "read", wanted, child.result_bytes(limits), limits=limits)
-        return [_present(time * size, one) for one in values]
-
-    return Log(_columns(columns, of_time), read_columns)
-
-
-@contextlib.contextmanager
-def _damage(path: Path, what: str) -> Iterator[None]:
-    """Turn whatever a library raises for a damaged file into a CodegenError."""
-    try:
-        yield
-    except CodegenError:
-        raise
-    except Exception as error:  # readers may raise anything
-        reason = re.sub("'<.*>'", "it", one_line(error)) or type(error).__name__  # asammdf names an object in memory
-        raise CodegenError(f"not a readable {what} ({reason})", where=path, remedy="export or copy it again") from None
-
-
-# --- measurements in MF4 -------------------------------------------------------------------------------------------------
-
-
-def _measurement(path: Path) -> Log | None:
-    """Return the measurement in an MF4 file; None for the log of a bus."""
-    limits = Limits.of(path.stat().st_size, SMALL_SLOW_BYTES)
-    found: list[ChannelName] | None = _in_child(path, "mf4", "channels", limits=limits)
-    if found is None:
-        return None
+def _measurement(found: Measurement) -> Log:
     channels = [
         # INCA appends its device to a name.
-        Channel(
-            f"{one.group}.{one.name}" if one.group else one.name, take_apart(one.name.partition("\\")[0]), one.unit, one.place
-        )
-        for one in found
+        Channel(one.path, take_apart(one.name.partition("\\")[0]), one.unit, one.place)
+        for one in found.columns
     ]
-
-    def read_samples(places: Sequence[Any]) -> list[Samples]:
-        bytes_max = child.result_bytes(limits)
-        return [Samples(*one) for one in _in_child(path, "mf4", "samples", list(places), bytes_max, limits=limits)]
-
-    return Log(channels, read_samples)
-
-
-READERS = {"mf4": ("MF4 file", "asammdf"), "parquet": ("Parquet file", "pyarrow")}
-"""Module of `codegen.importing` -> what it reads, and the package that it needs."""
-
-
-def _in_child(path: Path, module: str, function: str, *arguments: Any, limits: Limits) -> Any:
-    """Call a function of a module of READERS. Raises CodegenError."""
-    what, package = READERS[module]
-    with _damage(path, what):
-        try:
-            return child.call(f"codegen.importing.{module}", function, path, *arguments, limits=limits)
-        except ImportError:
-            raise missing(package, f"reads {path.suffix.lower()}", path) from None
+    return Log(channels, found.read)
 
 
 # --- logs of a bus -------------------------------------------------------------------------------------------------------
@@ -280,17 +126,17 @@ def _bus_log(path: Path, databases: Databases, channel: str | None) -> Log:
         what += f" ({log.findings[0]})" if log.file.skipped else ""
         raise CodegenError(what, where=path, remedy="give the database of this bus with --dbc")
     parts = {(key, index): _Message(defined, log, key) for key in keys for index, defined in enumerate(databases.messages[key])}
-    with _damage(path, "log with this database"):
+    with damage(path, "log with this database"):
         channels = [channel for key, one in parts.items() for channel in one.channels(key)]
 
-    def read_signals(places: Sequence[tuple[tuple[BusKey, int], str]]) -> list[Samples]:
-        with _damage(path, "log with this database"):
-            return [parts[key].samples(name) for key, name in places]
+    def read_signals(places: Sequence[tuple[tuple[BusKey, int], str]]) -> tuple[list[Samples], BusLog]:
+        with damage(path, "log with this database"):
+            return [parts[key].samples(name) for key, name in places], log
 
     remarks = [(CLOCK, *found.clock)] if found.clock[0] else []
     remarks += [(REMARK, text, 0) for text in (*log.findings, *log.message_findings)]
     conflicts = [databases.conflicts[key] for key in keys if key in databases.conflicts]
-    return Log(channels, read_signals, remarks, conflicts, log)
+    return Log(channels, read_signals, remarks, conflicts)
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,11 @@ import numpy as np
 
 from codegen.arrays import BoolArray, FloatArray
 from codegen.errors import CodegenError
-from codegen.identify.channels import Channel, Samples
+from codegen.identify.channels import Channel
 from codegen.identify.findings import CLOCK, GAP, IMPOSSIBLE, REMARK, RESERVED, SATURATED, Finding
 from codegen.identify.names import SignalChoice
 from codegen.identify.quantities import Quantity
+from codegen.logs.measurement import Samples
 from codegen.logs.stamps import blocks, increasing
 
 GAP_PERIODS = 2.5

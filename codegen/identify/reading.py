@@ -11,17 +11,18 @@ import numpy as np
 
 from codegen.arrays import FloatArray
 from codegen.errors import CodegenError, suggestion
-from codegen.identify.channels import Channel, Log, Samples, open_log
+from codegen.identify.channels import Channel, Log, open_log
 from codegen.identify.conditioning import Conditioned, condition
 from codegen.identify.cross_checks import cross_check, without_frozen, without_saturated
 from codegen.identify.drive import Drive
-from codegen.identify.findings import UNUSED, Finding, merged
+from codegen.identify.findings import REMARK, UNUSED, Finding, merged
 from codegen.identify.names import NO_SETTINGS, Names, SignalChoice, line_of
 from codegen.identify.quantities import QUANTITIES, REQUIRED, Quantity
 from codegen.identify.resampling import TIME_RESOLUTION_S, resample
 from codegen.importing.quantities import unit_of
 from codegen.logs.account import BusLog
 from codegen.logs.databases import Databases
+from codegen.logs.measurement import Account, Samples
 
 STEPS_MAX = 4_000_000
 """Largest number of steps of a drive: eleven hours at 10 ms."""
@@ -57,13 +58,13 @@ class Reading:
         drives: the drives.
         sources: sources of the signals of each drive, by quantity.
         findings: all findings.
-        accounts: logs of a bus with what became of their frames; None for other logs.
+        accounts: what became of the frames of each log of a bus, and of the rows of each measurement.
     """
 
     drives: tuple[Drive, ...]
     sources: tuple[Mapping[str, Source], ...]
     findings: tuple[Finding, ...]
-    accounts: tuple[BusLog | None, ...]
+    accounts: tuple[BusLog | Account, ...]
 
     @property
     def names_toml(self) -> str:
@@ -95,8 +96,8 @@ def read_drives(logs: Sequence[Path], databases: Sequence[Path] = (), names: Nam
     missing: list[_MissingSignalError] = []
     for path, name in zip(logs, _drive_names(logs), strict=True):
         log = open_log(path, of_bus, settings)
-        drive, of_drive, found = _read(log, path, name, settings, missing)
-        accounts.append(log.bus)
+        drive, of_drive, found, account = _read(log, path, name, settings, missing)
+        accounts.append(account)
         drives.append(drive)
         sources.append(of_drive)
         findings += found
@@ -123,12 +124,14 @@ def _drive_names(logs: Sequence[Path]) -> list[str]:
 
 def _read(
     log: Log, path: Path, name: str, names: Names, missing: list[_MissingSignalError]
-) -> tuple[Drive, dict[str, Source], list[Finding]]:
+) -> tuple[Drive, dict[str, Source], list[Finding], BusLog | Account]:
     findings = [Finding(name, "", *remark) for remark in log.remarks]
     chosen = _choose(log, names, name, path, findings, missing)
     read: dict[str, Conditioned] = {}
     flags = _sign_signals(log, names, chosen, path)
-    samples = log.read([channel.place for channel in (*(channel for channel, _ in chosen.values()), *flags.values())])
+    samples, account = log.read([channel.place for channel in (*(channel for channel, _ in chosen.values()), *flags.values())])
+    if isinstance(account, Account):
+        findings += [Finding(name, "", REMARK, text) for text in account.findings]
     flag_of = dict(zip(flags, samples[len(samples) - len(flags) :], strict=True))
     for (key, (channel, unit)), one in zip(list(chosen.items()), samples[: len(samples) - len(flags)], strict=True):
         if one.time.size < 2 and _is_optional(key, chosen):
@@ -165,7 +168,7 @@ def _read(
     )
     if empty is not None:
         raise CodegenError(f"{empty} has no usable value", where=f"{path}: {sources[empty].channel}", remedy="check the log")
-    return drive, sources, merged(findings)
+    return drive, sources, merged(findings), account
 
 
 def _is_optional(key: str, chosen: Mapping[str, object]) -> bool:

@@ -12,6 +12,7 @@ import pyarrow as pa
 from pyarrow import parquet
 
 from codegen.arrays import FloatArray
+from codegen.importing.rows import ARRAY, TEXT, Count, without
 
 BYTES_PER_NUMBER = 8
 
@@ -19,9 +20,12 @@ Kind = Literal["time", "other"]
 """Whether a column has times in a type of its own, which become ns."""
 
 
-def columns(path: Path) -> list[tuple[str, Kind]]:
-    """Return name and kind of each column. Raises whatever pyarrow raises for a damaged file."""
-    return [(field.name, "time" if _in_nanoseconds(field.type) is not None else "other") for field in parquet.read_schema(path)]
+def columns(path: Path) -> tuple[list[tuple[str, Kind]], int]:
+    """Return name and kind of each column, and the number of rows. Raises whatever pyarrow raises for a damaged file."""
+    kinds: list[tuple[str, Kind]] = [
+        (field.name, "time" if _in_nanoseconds(field.type) is not None else "other") for field in parquet.read_schema(path)
+    ]
+    return kinds, int(parquet.read_metadata(path).num_rows)
 
 
 def read(path: Path, names: Sequence[str], bytes_max: int) -> list[FloatArray]:
@@ -39,6 +43,30 @@ def read(path: Path, names: Sequence[str], bytes_max: int) -> list[FloatArray]:
         raise ValueError(f"{rows} rows, more than a file of its size may hold")
     table = parquet.read_table(path, columns=list(dict.fromkeys(names)), use_threads=False)
     return [_numbers(table.column(name)) for name in names]
+
+
+def account(path: Path, of_time: str, bytes_max: int) -> tuple[FloatArray, list[Count]]:
+    """Return the times in their unit (in ns for times), and the counts of the other columns.
+
+    Reads one column after the other. Raises ValueError if one is larger than `bytes_max`, and whatever pyarrow raises.
+    """
+    rows = int(parquet.read_metadata(path).num_rows)
+    time, counts = np.array([]), []
+    for field in parquet.read_schema(path):
+        try:
+            (values,) = read(path, [field.name], bytes_max)
+        except (ValueError, TypeError, pa.ArrowException):
+            if rows * BYTES_PER_NUMBER > bytes_max or field.name == of_time:
+                raise
+            kind = ARRAY if pa.types.is_nested(field.type) else TEXT
+            counts.append(Count(field.name, "", 0, 0, {kind: rows} if rows else {}))
+            continue
+        if field.name == of_time:
+            time = values
+        else:
+            reasons = without(values)
+            counts.append(Count(field.name, "", 0, values.size - sum(reasons.values()), reasons))
+    return time, counts
 
 
 def _numbers(column: pa.ChunkedArray) -> FloatArray:

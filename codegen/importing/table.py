@@ -54,11 +54,13 @@ class Cells:
         head: the line with the names, or None where the first line is numbers.
         body: the other lines that are neither empty nor comment.
         decimal_comma: whether 1,5 is one and a half.
+        others: kind of a line that is not in the body -> number of such lines.
     """
 
     head: Line | None
     body: tuple[Line, ...]
     decimal_comma: bool
+    others: Mapping[str, int] = field(default_factory=dict)
 
     def value(self, line: Line, column: int, where: object) -> float:
         """Return the number in a cell; NaN where it is missing. Raises ImportFault with the line."""
@@ -100,7 +102,8 @@ def split(text: str, where: object) -> Cells:
 
 
 def _split(text: str, where: object) -> Cells:
-    lines = [(number, line) for number, line in enumerate(text.split("\n"), start=1) if not _is_empty(line)]
+    all_lines = text.removesuffix("\n").split("\n")
+    lines = [(number, line) for number, line in enumerate(all_lines, start=1) if not _is_empty(line)]
     comments = [(number, line) for number, line in lines if line.lstrip()[0] in COMMENT]
     lines = [(number, line) for number, line in lines if line.lstrip()[0] not in COMMENT]
     said = SAID_SEPARATOR.fullmatch(lines[0][1]) if lines else None
@@ -111,7 +114,7 @@ def _split(text: str, where: object) -> Cells:
     decimal_comma = separator != ","
     _refuse_title(lines, where)
     rows = [_line(number, line, separator, head=index == 0) for index, (number, line) in enumerate(lines)]
-    rows = _without_empty_end([row for row in rows if any(row.cells)])
+    rows = with_cells = _without_empty_end([row for row in rows if any(row.cells)])
     if separator is None and all(len(row.cells) == len(rows[0].cells) + 1 for row in rows[1:]):
         rows[0] = Line(rows[0].number, ("", *rows[0].cells))  # a matrix whose corner is empty
     cells = Cells(None, tuple(rows), decimal_comma)
@@ -128,7 +131,15 @@ def _split(text: str, where: object) -> Cells:
                 where=f"{where}, line {row.number}",
                 remedy=f"give each line the same number of cells, and {A_TITLE}",
             )
-    return Cells(head, tuple(rows), decimal_comma)
+    names = len(with_cells) - len(rows)
+    others = {
+        "empty line": sum(map(_is_empty, all_lines)) + len(lines) - len(with_cells),
+        "comment": len(comments),
+        "line of the separator": int(bool(said)),
+        "line of names": min(names, 1),
+        "line of units": max(names - 1, 0),
+    }
+    return Cells(head, tuple(rows), decimal_comma, {kind: count for kind, count in others.items() if count})
 
 
 def _is_empty(line: str) -> bool:

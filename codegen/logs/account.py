@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -10,14 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from codegen.logs.databases import Directory
+from codegen.errors import CodegenError
+from codegen.importing.rows import RESOLUTION_S
+from codegen.logs import measurement
+from codegen.logs.databases import Databases, Directory
 from codegen.logs.frames import FileAccount, Frames, Kind
-from codegen.logs.reader import read_frames
+from codegen.logs.measurement import open_measurement
+from codegen.logs.reader import LOGS, read_frames
 from codegen.logs.senders import FATES, Allotment, Fate, allot
 
 DIRECTIONS = ("received", "sent")
-RESOLUTION_S = 1e-6
-"""Difference in s from which a stamp goes back. Unix time in a float64 has steps of 0.24 us."""
 
 
 @dataclass(frozen=True)
@@ -100,8 +103,37 @@ def open_bus_log(path: Path, databases: Directory, channel: str | None = None) -
     return BusLog(path, frames, account, allot(frames, databases, channel, path), databases)
 
 
-def to_dict(log: BusLog) -> dict[str, Any]:
+ENDINGS = tuple(dict.fromkeys((*LOGS, *measurement.MEASUREMENTS)))
+"""Extensions of logs."""
+KINDS = "give .mf4, .blf, .asc, .log (candump), .csv or .parquet"
+
+
+def open_log(
+    path: Path, databases: Databases, channel: str | None = None, time: str | None = None, time_unit: str | None = None
+) -> BusLog | measurement.Account:
+    """Account for all of a log: the frames of a bus, or the rows of a measurement.
+
+    Args:
+        databases, channel: for the log of a bus, see `open_bus_log`.
+        time, time_unit: for a table, see `open_measurement`.
+
+    Raises:
+        CodegenError: the log or a database cannot be read, or the log has no such channel, or no bus.
+    """
+    if path.suffix.lower() not in ENDINGS:
+        raise CodegenError("not a log", where=path, remedy=KINDS)
+    found = open_measurement(path, time, time_unit) if path.suffix.lower() in measurement.MEASUREMENTS else None
+    if found is None:
+        return open_bus_log(path, databases, channel)
+    if databases.paths or channel is not None:
+        raise CodegenError("it is not the log of a bus", where=path, remedy="leave --dbc and --channel out")
+    return found.account()
+
+
+def to_dict(log: BusLog | measurement.Account) -> dict[str, Any]:
     """Return the account for JSON."""
+    if isinstance(log, measurement.Account):
+        return measurement.to_dict(log)
     frames, file = log.frames, log.file
     time = frames.time
     return {
@@ -130,7 +162,7 @@ def to_dict(log: BusLog) -> dict[str, Any]:
                 "file": each.path.name,
                 "messages": len(each.database.messages),
                 "findings": list(each.findings),
-                "left_out": list(each.left_out),
+                "left_out": [dataclasses.asdict(line) for line in each.left_out],
             }
             for each in log.databases.files
         ],

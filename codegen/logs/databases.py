@@ -1,13 +1,13 @@
 """Databases of a bus, DBC or ARXML: messages by identifier, and what was not plain in the files.
 
-A statement of a DBC that breaks the grammar is left out, with a finding, for it may be one that no drive needs.
+A statement of a DBC that breaks the rules is left out with its reason, for it may be one that no drive needs.
 """
 
 from __future__ import annotations
 
 import re
-from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Protocol
 
 from codegen.errors import CodegenError, one_line
 from codegen.files import read_file, require_regular
+from codegen.importing import library_warnings
 from codegen.importing.xml_head import check_head
 from codegen.limits import Limits
-from codegen.logs import library_warnings
 from codegen.requirements import missing
 
 if TYPE_CHECKING:
@@ -27,7 +27,6 @@ DATABASE_ENDINGS = (".dbc", ".arxml")
 DATABASE_BYTES_MAX = 2**28
 LEFT_OUT_MAX, ATTEMPTS_MAX = 1000, 60
 """Largest number of lines of a DBC that are left out, and of attempts: cantools reports one line in each."""
-LEFT_OUT_SHOWN = 3
 
 BusKey = tuple[int, bool]
 """Identifier of a message, and whether it is an extended one."""
@@ -88,13 +87,25 @@ class Identifiers:
 
 
 @dataclass(frozen=True)
+class LeftOut:
+    """A line of a DBC that is left out: its number from 1, its text, and why."""
+
+    number: int
+    text: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"line {self.number}: {self.text}"
+
+
+@dataclass(frozen=True)
 class Loaded:
     """A file: its content, what was not plain in it, and the lines of statements that were left out."""
 
     path: Path
     database: Database
     findings: Sequence[str]
-    left_out: Sequence[str]
+    left_out: Sequence[LeftOut]
 
 
 @dataclass(frozen=True)
@@ -191,7 +202,7 @@ def load_database(path: Path) -> Loaded:
     except ImportError:
         raise missing("cantools", "reads databases of buses", path) from None
     findings: list[str] = []
-    left_out: list[str] = []
+    left_out: list[LeftOut] = []
     try:
         with Limits.of(size).enforced(path), library_warnings.collected() as warnings:
             # Not strict: databases in use have signals that overlap, or that are longer than their message.
@@ -207,10 +218,9 @@ def load_database(path: Path) -> Loaded:
         raise CodegenError(what, where=path, remedy="export or copy it again") from None
     if not found.messages:
         raise CodegenError("it has no message", where=path, remedy="give the database of the bus")
-    if left_out:
-        shown = "; ".join(left_out[:LEFT_OUT_SHOWN])
-        more = f"; and {len(left_out) - LEFT_OUT_SHOWN} more" if len(left_out) > LEFT_OUT_SHOWN else ""
-        findings.append(f"{len(left_out)} lines that break the rules of a DBC are left out: {shown}{more}")
+    for reason, count in Counter(line.reason for line in left_out).items():
+        first = next(line for line in left_out if line.reason == reason)
+        findings.append(f"{count} {'line is' if count == 1 else 'lines are'} left out: {reason} (first: {first})")
     return Loaded(path, found, (*findings, *warnings), left_out)
 
 
@@ -223,14 +233,17 @@ def _reason(error: Exception) -> str:
 SYNTAX = re.compile(r"Invalid syntax at line (\d+), column (\d+)")
 UNFINISHED = re.compile(r"\s*(?:CM_|VAL_|BA_)(?!.*;\s*\Z)")
 """A statement without its semicolon: the next line is reported then."""
-UNUSED_VALUES = re.compile(r"VAL_ (\d+) (\w+)")
+TOO_LONG = re.compile(r"frame id 0x\w+ is more than (?:11|29) bits")
+UNUSED = re.compile(r"(VAL_|SIG_VALTYPE_) (\d+) (\w+)")
 MESSAGE = re.compile(r"\s*BO_ (\d+) ")
+NO_MESSAGE = re.compile(r"\s*BO_ \d+ VECTOR__INDEPENDENT_SIG_MSG\s*:")
+"""What holds the signals of no message. cantools discards them without a warning."""
 REFERENCE = re.compile(r"((?:BO_|SG_|VAL_|SIG_GROUP_|SIG_VALTYPE_|BO_TX_BU_|SG_MUL_VAL_)\s+)(\d+)(?=\s)")
 STANDARD_MAX, EXTENDED_MAX, EXTENDED = 0x7FF, 0x1FFF_FFFF, 0x8000_0000
 """Largest identifiers of 11 and 29 bits; mark of the latter in a DBC."""
 
 
-def _load_dbc(path: Path, findings: list[str]) -> tuple[Database, list[str]]:
+def _load_dbc(path: Path, findings: list[str]) -> tuple[Database, list[LeftOut]]:
     """Read a DBC without the statements that cantools refuses, and return those. Raises what cantools raises."""
     from cantools import database
 
@@ -241,28 +254,42 @@ def _load_dbc(path: Path, findings: list[str]) -> tuple[Database, list[str]]:
         text = data.decode("cp1252", "replace")
     lines = text.splitlines()
     first: Exception | None = None
-    left_out: dict[int, str] = {}
+    left_out: dict[int, LeftOut] = {}
+
+    def leave_out(number: int, reason: str) -> None:
+        left_out[number] = LeftOut(number, one_line(lines[number - 1].strip(), 60), reason)
+
     for attempt in range(ATTEMPTS_MAX):
         try:
-            return database.load_string("\n".join(lines) + "\n", "dbc", strict=False), [  # type: ignore[return-value]
-                f"line {number}: {line}" for number, line in sorted(left_out.items())
-            ]
+            found = database.load_string("\n".join(lines) + "\n", "dbc", strict=False)
         except Exception as error:
             first = first or error
             if _mark_extended(str(error), lines, findings):
                 continue
-            bad = set(_refused(str(error), lines)) - left_out.keys()
+            bad = {number: reason for number, reason in _refused(str(error), lines) if number not in left_out}
             if not bad or len(left_out) + len(bad) > LEFT_OUT_MAX or attempt == ATTEMPTS_MAX - 1:
                 raise first from None
-            for number in bad:
-                left_out[number] = one_line(lines[number - 1].strip(), 60)
+            for number, reason in bad.items():
+                leave_out(number, reason)
                 lines[number - 1] = ""
+        else:
+            for number in _of_no_message(lines):
+                leave_out(number, "a signal of no message")
+            return found, [left_out[number] for number in sorted(left_out)]  # type: ignore[return-value]
     raise AssertionError("the last attempt raises")
+
+
+def _of_no_message(lines: Sequence[str]) -> Iterator[int]:
+    """Yield the numbers of the lines with signals of no message."""
+    for number, line in enumerate(lines, start=1):
+        if NO_MESSAGE.match(line):
+            _, *signals = _statement(number, lines)
+            yield from signals
 
 
 def _mark_extended(error: str, lines: list[str], findings: list[str]) -> bool:
     """Mark identifiers of 29 bits as extended, as no other kind can have them. Return whether there were any."""
-    if "is more than 11 bits" not in error:
+    if not TOO_LONG.search(error):
         return False
     heads = filter(None, map(MESSAGE.match, lines))
     unmarked = {head[1] for head in heads if STANDARD_MAX < int(head[1]) <= EXTENDED_MAX}
@@ -277,25 +304,29 @@ def _mark_extended(error: str, lines: list[str], findings: list[str]) -> bool:
     return True
 
 
-def _refused(error: str, lines: Sequence[str]) -> Iterable[int]:
-    """Yield the numbers of the lines, from 1, of the statements that an error of cantools is about."""
+def _refused(error: str, lines: Sequence[str]) -> Iterator[tuple[int, str]]:
+    """Yield the number from 1 and the reason of each line of the statements that an error of cantools is about."""
     if match := SYNTAX.search(error):
-        number = int(match[1])
+        number, column = int(match[1]), int(match[2])
         if number > len(lines):
             return
         before = next((above for above in range(number - 1, 0, -1) if lines[above - 1].strip()), 0)
-        is_open = before and UNFINISHED.match(lines[before - 1]) and lines[number - 1][: int(match[2]) - 1].strip() == ""
-        yield from _statement(before if is_open else number, lines)
-    elif "is more than 11 bits" in error:
+        is_open = before and UNFINISHED.match(lines[before - 1]) and lines[number - 1][: column - 1].strip() == ""
+        reason = "it does not end with a semicolon" if is_open else "it breaks the grammar of a DBC"
+        yield from ((line, reason) for line in _statement(before if is_open else number, lines))
+    elif TOO_LONG.search(error):
         for number, line in enumerate(lines, start=1):
-            if (head := MESSAGE.match(line)) and EXTENDED_MAX < int(head[1]) < EXTENDED:
-                yield from _statement(number, lines)
-    for identifier, name in UNUSED_VALUES.findall(error):
-        values = re.compile(rf"\s*VAL_ {identifier} {name}\s")
-        yield from (number for number, line in enumerate(lines, start=1) if values.match(line))
+            if (head := MESSAGE.match(line)) and int(head[1]) & ~EXTENDED > EXTENDED_MAX and not NO_MESSAGE.match(line):
+                reason = "the identifier of its message has more than 29 bits"
+                yield from ((below, reason) for below in _statement(number, lines))
+    for keyword, identifier, name in UNUSED.findall(error):
+        values = re.compile(rf"\s*{keyword} {identifier} {name}\b")
+        for number, line in enumerate(lines, start=1):
+            if values.match(line):
+                yield number, "there is no such signal"
 
 
-def _statement(number: int, lines: Sequence[str]) -> Iterable[int]:
+def _statement(number: int, lines: Sequence[str]) -> Iterator[int]:
     """Yield a line, and the signals below it if it begins a message."""
     yield number
     if MESSAGE.match(lines[number - 1]):

@@ -8,10 +8,10 @@ from typing import Any
 from asammdf import MDF
 from can.io.mf4 import MF4Reader
 
-from codegen.logs import library_warnings
+from codegen.importing import library_warnings
+from codegen.importing.mf4 import FRAME_CHANNELS
 from codegen.logs.frames import Collector, FileAccount, Frames
 
-FRAME_CHANNELS = ("CAN_DataFrame", "CAN_RemoteFrame", "CAN_ErrorFrame", "CAN_OverloadFrame")
 BUS_EVENT = 0x2
 """Flag of a channel group: plain bus event (ASAM MDF 4.1, cg_flags, bit 1)."""
 CAN = 2

@@ -6,23 +6,22 @@ from pathlib import Path
 
 from codegen.errors import CodegenError, one_line
 from codegen.files import reason_of, require_regular
-from codegen.importing import child
+from codegen.importing import child, library_warnings
 from codegen.limits import SMALL_SLOW_BYTES, Limits
-from codegen.logs import library_warnings
-from codegen.logs.frames import REMEDY, Collector, FileAccount, Frames
+from codegen.logs.frames import BYTES_MAX, REMEDY, Collector, FileAccount, Frames
 from codegen.requirements import pip_install
-
-BYTES_MAX = 2**30
 
 
 def read_frames(path: Path) -> tuple[Frames, FileAccount]:
     """Read the frames of a log, on one clock, and account for every frame of the file.
 
     Raises:
-        CodegenError: not a regular file, over 1 GiB, damaged, cut short, or the package that reads it is missing.
+        CodegenError: no log by its name, not a regular file, over 1 GiB, damaged or cut short, or its reader is not installed.
     """
-    limits = Limits.of(require_regular(path, BYTES_MAX, "give a shorter log"), SMALL_SLOW_BYTES)
     kind = path.suffix.lower()
+    if kind not in LOGS:
+        raise CodegenError("not a log of a CAN bus", where=path, remedy="give .blf, .asc, .log (candump) or .mf4 (version 4)")
+    limits = Limits.of(require_regular(path, BYTES_MAX, "give a shorter log"), SMALL_SLOW_BYTES)
     try:
         if kind == ".mf4":
             found: tuple[Frames, FileAccount] = child.call("codegen.logs.mf4", "read", path, limits=limits)

@@ -35,3 +35,16 @@ def test_the_channel_is_chosen(run: Run, tmp_path: Path) -> None:
     assert [row.get("used", 0) for row in facts["channels"]] == [0, 50]
     answer = run("log", "drive.log", "--channel", "can3")
     assert answer.code == 2 and "the log has no channel 'can3'" in answer.err
+
+
+def test_it_accounts_for_every_row(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "drive.csv").write_text("when,vx\n0,20\n10,\n20,21\n", encoding="ascii")
+    (tmp_path / "names.toml").write_text('time = "when"\ntime_unit = "ms"\n', encoding="ascii")
+    plain = run("log", "drive.csv", "--signals", "names.toml")
+    assert plain.code == 0 and "rows: 3 in the file, 3 read, 0 skipped" in plain.out
+    assert "vx" in plain.out and "1 no value" in plain.out and plain.out.rstrip().endswith("no findings")
+    facts = json.loads(run("log", "drive.csv", "--signals", "names.toml", "--json").out)
+    assert facts["rows"] == {"in_file": 3, "read": 3, "other_entries": {"line of names": 1}}
+    assert facts["channels"] == [{"channel": "vx", "unit": "", "group": 0, "samples": 2, "without": {"no value": 1}}]
+    answer = run("log", "drive.csv", "--signals", "names.toml", "--channel", "can3")
+    assert answer.code == 2 and "it is not the log of a bus" in answer.err

@@ -1,4 +1,4 @@
-"""`python -m tests.evidence [PART…] [--quick]`: run parts of the evidence.
+"""`python -m tests.evidence [PART…] [--quick] [--files DIR]`: run parts of the evidence.
 
 Without names all parts run. A full run leaves a record, and resumes if it was interrupted. A quick run leaves none; it fails
 also for a part whose recorded full run failed on the current files. Exit code 1: a part fails, or a required tool is missing.
@@ -33,6 +33,7 @@ SCRATCH = ROOT / "build" / "evidence"
 CODE = ("ars_codegen/*", "codegen/**/*", "hil_sim/**/*", "scripts/**/*", "templates/**/*", "tests/**/*")
 QUICK_PROCESS_COUNT = 2
 """Parts whose quick forms run at the same time. On two processors three are slower: they share caches."""
+NEEDS_FILES = "it needs public files, which are not in the repository: make evidence PART={} FILES=DIR; see docs/evidence.md"
 FINDINGS_SHOWN = 20
 """Largest number of findings printed for a part; a record holds all."""
 
@@ -42,18 +43,30 @@ def main(arguments: Sequence[str] | None = None, parts: Sequence[Part] = PARTS, 
     parser = argparse.ArgumentParser(prog="python -m tests.evidence", description="The evidence that a release needs.")
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"{', '.join(part.name for part in parts)}; all by default")
     parser.add_argument("--quick", action="store_true", help="the quick form of each part, without a record")
+    parser.add_argument("--files", type=Path, metavar="DIR", help="folder of the files that the part public is about")
     options = parser.parse_args(arguments)
     if unknown := set(options.parts) - {part.name for part in parts}:
         parser.error(f"there is no part {', '.join(sorted(unknown))}; see --help")
+    if options.files is not None and not options.files.is_dir():
+        parser.error(f"{options.files} is not a folder")
     chosen = [part for part in parts if not options.parts or part.name in options.parts]
+    lacking = [part for part in chosen if part.needs_files and options.files is None]
+    unmet = [f"{part.name}: not run: {NEEDS_FILES.format(part.name)}" for part in lacking]
+    if unmet and options.parts:
+        parser.error("; ".join(unmet))
+    chosen = [part for part in chosen if part not in lacking]
     states = {part.name: record.state(part, record.read(part, records)) for part in chosen}  # reports an invalid record
     faults = [f"{part.name}: not run: {tool}" for part in chosen for tool in part.missing_tools()]
-    if options.quick:
+    if not options.quick:
+        faults += unmet
+    else:
+        print("".join(f"{line}\n" for line in unmet), end="")  # no fault: a machine of CI may have no such files
         faults += [f"{name}: its recorded full run failed, and nothing has changed since; run it again"
                    for name, state in states.items() if state == "failed"]  # fmt: skip
     print("".join(f"{fault}\n" for fault in faults), end="", flush=True)
     is_good, begun, cpu_seconds = not faults, time.monotonic(), 0.0
-    for run, seconds, used in _runs([part for part in chosen if not part.missing_tools()], Effort(options.quick)):
+    complete = [part for part in chosen if not part.missing_tools()]
+    for run, seconds, used in _runs(complete, Effort(options.quick), options.files):
         is_good, cpu_seconds = is_good and run["verdict"] == Verdict.PASSED, cpu_seconds + used
         if run["verdict"] != Verdict.NOT_RUN and not options.quick:
             write_atomically(records / f"{run['part']}.json", f"{json.dumps(run, indent=1)}\n".encode())
@@ -63,21 +76,22 @@ def main(arguments: Sequence[str] | None = None, parts: Sequence[Part] = PARTS, 
     return 0 if is_good else 1
 
 
-def _runs(parts: Sequence[Part], effort: Effort) -> Iterator[tuple[Record, float, float]]:
+def _runs(parts: Sequence[Part], effort: Effort, files: Path | None) -> Iterator[tuple[Record, float, float]]:
     """Run parts in processes that end with this one, and yield the results of each when it ends."""
     shared.folder()  # all parts use the same results
     fork, count = multiprocessing.get_context("fork"), QUICK_PROCESS_COUNT if effort.quick else 1
     with ProcessPoolExecutor(count, fork, pytest_part.end_with_parent) as pool:
-        running = [pool.submit(run_part, part, effort) for part in parts]
+        running = [pool.submit(run_part, part, effort, files) for part in parts]
         try:
             yield from (done.result() for done in as_completed(running))
         finally:
             pool.shutdown(cancel_futures=True)
 
 
-def run_part(part: Part, effort: Effort) -> tuple[Record, float, float]:
+def run_part(part: Part, effort: Effort, files: Path | None = None) -> tuple[Record, float, float]:
     """Run one part; return its record, its duration and its CPU time in s.
 
+    `files` is the folder for a part that needs files.
     A missing tool, a build that cannot be tested and a crash are outcomes too.
     """
     scratch = SCRATCH / f"{part.name}-{'quick' if effort.quick else hash_of((*part.patterns, *CODE))[:16]}"
@@ -87,7 +101,8 @@ def run_part(part: Part, effort: Effort) -> tuple[Record, float, float]:
     print(f"... {part.name}{' resumes' if is_resumed else ''}", file=sys.stderr, flush=True)
     try:
         if part.module:
-            outcome = importlib.import_module(f"tests.evidence.{part.module}").run(FOLDERS, effort, Progress(scratch))
+            folders = (files,) if part.needs_files else FOLDERS
+            outcome = importlib.import_module(f"tests.evidence.{part.module}").run(folders, effort, Progress(scratch))
         else:
             outcome = pytest_part.run(part, effort, scratch)
     except Exception as error:

@@ -1,6 +1,7 @@
 """Parts of the evidence: what each is about, and how it runs. docs/evidence.md lists what each shows.
 
-A part is either a module with `run(folders, effort, progress) -> Outcome` or a folder of pytest files of the same name.
+A part is either a module with `run(folders, effort, progress) -> Outcome` or a folder of pytest files of the same name. The
+folders are those of the committed builds, or that of the user's files.
 """
 
 import hashlib
@@ -26,12 +27,14 @@ class Part:
         subject: patterns of the files that it is about, relative to the checkout.
         module: module in this folder with `run`; empty for a folder of pytest files of the part's name.
         tools: programs that it needs besides a C compiler.
+        needs_files: whether it is about files that the user gives, instead of the committed builds.
     """
 
     name: str
     subject: tuple[str, ...]
     module: str = ""
     tools: tuple[str, ...] = ()
+    needs_files: bool = False
 
     @property
     def folder(self) -> Path:
@@ -91,6 +94,7 @@ DRIVEN = (
 IDENTIFIED = ("codegen/identify/*", "templates/identify/*", "tests/identify/*", "hil_sim/**/*", *MAPS, *SIL)
 PAGES = ("codegen/report/**/*", "codegen/explore/**/*", "templates/report/*", "templates/explore/*", *TUNING, *CONFIG)
 INSTALLED = ("pyproject.toml", "requirements*.lock", "ars_codegen/*", "Makefile", "scripts/**/*", "ars_codegen/*")
+READ = ("codegen/logs/*", "codegen/importing/*", "codegen/identify/channels.py")
 FIRMWARE = ("make", "arm-none-eabi-gcc", "qemu-system-arm")
 PARTS = (
     Part("guide", ("README.md", "docs/*.md", *COMMANDS), tools=(*FIRMWARE, "octave-cli", "mkoctfile")),
@@ -113,6 +117,7 @@ PARTS = (
     Part("gaps", BENCH, "gaps.gaps"),
     Part("loaders", COMMANDS, "loaders.cases"),
     Part("logs", COMMANDS, "logs.cases"),
+    Part("public", READ, "public.files", needs_files=True),
     Part("install", INSTALLED, tools=("git", "bash", "fish", "zsh")),
 )
 """Those that take longest in their quick forms come first, so that no part runs alone at the end."""

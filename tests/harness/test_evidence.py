@@ -157,6 +157,23 @@ def test_a_missing_tool_is_reported_and_leaves_no_record(
     assert not list(tmp_path.glob("*.json"))
 
 
+def test_a_part_about_files_of_the_user_runs_on_their_folder(
+    part: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sample = replace(part(name="public"), needs_files=True)
+    module = sys.modules["tests.evidence.public_module"]
+    module.run = lambda folders, effort, progress: replace(PASSED, figure=str(folders))  # type: ignore[attr-defined]
+    assert command.main(["--quick", "--files", str(tmp_path)], [sample], tmp_path) == 0
+    assert f"public: passed: {(tmp_path,)}" in capsys.readouterr().out
+    needed = "public: not run: it needs public files, which are not in the repository: make evidence PART=public FILES=DIR"
+    assert [command.main(words, [sample, part()], tmp_path) for words in ([], ["--quick"])] == [1, 0]
+    assert capsys.readouterr().out.count(needed) == 2
+    for words, what in ((["public"], needed), (["--files", str(tmp_path / "none")], "none is not a folder")):
+        with pytest.raises(SystemExit, match="2"):
+            command.main(words, [sample], tmp_path)
+        assert what in capsys.readouterr().err
+
+
 def test_an_interrupted_full_run_resumes_until_code_changes(part: Make, tmp_path: Path) -> None:
     def run(effort: Effort, progress: Progress) -> Outcome:
         steps = [progress.once(key, (tmp_path / key).read_text) for key in ("first", "second")]

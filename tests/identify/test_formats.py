@@ -7,11 +7,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from codegen.cli.identify_command import DRIVE_ENDINGS
-from codegen.identify.channels import ENDINGS, NOT_AVAILABLE
+from codegen.cli.options import DRIVE_ENDINGS
+from codegen.identify.channels import NOT_AVAILABLE
 from codegen.identify.drive import Drive
 from codegen.identify.names import Names
 from codegen.identify.reading import read_drives
+from codegen.logs.account import ENDINGS
 from hil_sim.codec import Frame
 from hil_sim.logs import BusLog
 from tests.cli.conftest import TRACKING as BUILD

@@ -32,20 +32,35 @@ def test_units_survive_every_encoding(encoding: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("line", "place"),
+    ("line", "reason"),
     [
-        (' SG_ 0_COUNTER : 35|4@0+ (1,0) [0|255] "" A', 9),
-        ('CM_ SG_ 256 "no name of the signal";', 9),
-        ('CM_ "no end"', 9),
-        ('VAL_ 256 Nothing 1 "on" ;', 9),
-        ('BO_ 1073741824 Beyond: 8 A\n SG_ Any : 0|8@1+ (1,0) [0|0] "" A', 9),
+        (' SG_ 0_COUNTER : 35|4@0+ (1,0) [0|255] "" A', "it breaks the grammar of a DBC"),
+        ('CM_ SG_ 256 "no name of the signal";', "it breaks the grammar of a DBC"),
+        ('CM_ "no end"', "it does not end with a semicolon"),
+        ('VAL_ 256 Nothing 1 "on" ;', "there is no such signal"),
+        ("SIG_VALTYPE_ 256 Nothing : 1;", "there is no such signal"),
+        ('BO_ 1073741824 A: 8 A\n SG_ B : 0|8@1+ (1,0) [0|0] "" A', "the identifier of its message has more than 29 bits"),
+        ('BO_ 3221225473 A: 8 A\n SG_ B : 0|8@1+ (1,0) [0|0] "" A', "the identifier of its message has more than 29 bits"),
     ],
 )
-def test_a_line_that_breaks_the_rules_is_left_out_with_a_finding(line: str, place: int, tmp_path: Path) -> None:
+def test_a_line_that_breaks_the_rules_is_left_out_with_its_reason(line: str, reason: str, tmp_path: Path) -> None:
     found = load_database(write(tmp_path, f'{DBC}{line}\nCM_ "the end";\n'))
     assert [message.name for message in found.database.messages] == ["Motion", "Other"]
-    assert found.left_out[0] == f"line {place}: {line.splitlines()[0].strip()}"
-    assert f"line {place}: " in found.findings[0]
+    texts = line.splitlines()
+    assert [(each.number, each.text, each.reason) for each in found.left_out] == [
+        (number, text.strip(), reason) for number, text in enumerate(texts, start=9)
+    ]
+    count = "1 line is" if len(texts) == 1 else f"{len(texts)} lines are"
+    assert found.findings[0] == f"{count} left out: {reason} (first: line 9: {texts[0].strip()})"
+
+
+def test_signals_of_no_message_are_left_out_with_a_finding(tmp_path: Path) -> None:
+    """They are in use: tools keep signals there that a message had once."""
+    none = 'BO_ 3221225472 VECTOR__INDEPENDENT_SIG_MSG: 0 Vector__XXX\n SG_ Old : 0|8@1+ (1,0) [0|0] "" A\n'
+    found = load_database(write(tmp_path, DBC + none))
+    assert [message.name for message in found.database.messages] == ["Motion", "Other"]
+    text = 'SG_ Old : 0|8@1+ (1,0) [0|0] "" A'
+    assert found.findings == (f"1 line is left out: a signal of no message (first: line 10: {text})",)
 
 
 def test_what_is_no_dbc_is_refused_with_the_first_error(tmp_path: Path) -> None:

@@ -108,7 +108,7 @@ def read(request: Request) -> Read:
         scenario=scenario if files.runs else None,
         logs=files.logs,
         faults=files.faults,
-        notes=[*notes, *(f"{log.name}: {text}." for log in files.logs for text in log.findings)],
+        notes=[*notes, *files.notes, *(f"{log.name}: {text}." for log in files.logs for text in log.findings)],
     )
     return Read(request, material, scenario)
 

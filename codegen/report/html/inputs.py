@@ -103,12 +103,14 @@ class Files:
         runs: name -> recording (samples, 12), columns RECORD_COLUMNS. paths: their files, by name.
         logs: timing of the logs.
         faults: entries of `codegen faults --json`; None if no file contains any.
+        notes: what is not plain about the recordings.
     """
 
     runs: Mapping[str, FloatArray] = field(default_factory=dict)
     paths: Mapping[str, Path] = field(default_factory=dict)
     logs: Sequence[BusTimes] = ()
     faults: Sequence[FaultEntry] | None = None
+    notes: Sequence[str] = ()
 
 
 def named(argument: str) -> tuple[str, Path]:
@@ -134,6 +136,7 @@ def read_files(arguments: Sequence[str], can: Can, channel: str | None = None) -
     paths: dict[str, Path] = {}
     logs: list[BusTimes] = []
     faults: Sequence[FaultEntry] | None = None
+    notes: list[str] = []
     for argument in arguments:
         name, path = named(argument)
         require_regular(path, RUN_BYTES_MAX, f"give {KINDS}")
@@ -142,13 +145,14 @@ def read_files(arguments: Sequence[str], can: Can, channel: str | None = None) -
         kind = path.suffix.lower()
         if kind == ".json":
             faults = read_faults(path)
-        elif kind in RECORDINGS and (record := RECORDINGS[kind](path)) is not None:
-            runs[name], paths[name] = record, path
+        elif kind in RECORDINGS and (found := RECORDINGS[kind](path)) is not None:
+            (runs[name], texts), paths[name] = found, path
+            notes += [f"{name}: {text}." for text in texts]
         elif kind in LOGS:
             logs.append(read_log(path, can, name, channel))
         else:
             raise CodegenError("not an input of a report", where=path, remedy=f"give {KINDS}")
-    return Files(runs, paths, logs, faults)
+    return Files(runs, paths, logs, faults, notes)
 
 
 def read_faults(path: Path) -> list[FaultEntry]:
@@ -164,17 +168,21 @@ def read_faults(path: Path) -> list[FaultEntry]:
         raise CodegenError(what, where=where, remedy=f"give {KINDS}") from None
 
 
-def _read_parquet(path: Path) -> FloatArray:
+Recording = tuple[FloatArray, Sequence[str]]
+"""Samples, and what is not plain about the file."""
+
+
+def _read_parquet(path: Path) -> Recording:
     limits = Limits.of(path.stat().st_size, SMALL_SLOW_BYTES)
     columns = _in_child(path, "parquet", "read", RECORD_COLUMNS, child.result_bytes(limits), limits=limits)
-    return _checked(np.column_stack(columns), path)
+    return _checked(np.column_stack(columns), path), ()
 
 
-def _read_mf4(path: Path) -> FloatArray | None:
+def _read_mf4(path: Path) -> Recording | None:
     """Return the recording in an MF4 file; None for a log of the bus."""
     limits = Limits.of(path.stat().st_size, SMALL_SLOW_BYTES)
-    columns = _in_child(path, "mf4", "columns", RECORD_COLUMNS, child.result_bytes(limits), limits=limits)
-    return None if columns is None else _checked(np.column_stack(columns), path)
+    found = _in_child(path, "mf4", "columns", RECORD_COLUMNS, child.result_bytes(limits), limits=limits)
+    return None if found is None else (_checked(np.column_stack(found[0]), path), found[1])
 
 
 PACKAGES = {"mf4": "asammdf", "parquet": "pyarrow"}
@@ -190,13 +198,13 @@ def _in_child(path: Path, module: str, function: str, *arguments: Any, limits: L
         raise _no_run(path, error) from None
 
 
-def _read_csv(path: Path) -> FloatArray:
+def _read_csv(path: Path) -> Recording:
     try:
         with Limits.of(path.stat().st_size).enforced(path):
             record = load_csv(path)
     except (OSError, ValueError) as error:
         raise _no_run(path, error) from None
-    return _checked(record, path)
+    return _checked(record, path), ()
 
 
 RECORDINGS = {".csv": _read_csv, ".parquet": _read_parquet, ".mf4": _read_mf4}

@@ -219,19 +219,22 @@ def test_fault_markers_and_run_names(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.usefixtures("in_this_process")
-def test_a_scaled_channel_has_physical_values(tmp_path: Path) -> None:
+def test_a_scaled_channel_has_physical_values_and_invalid_ones_are_noted(tmp_path: Path) -> None:
     from asammdf import MDF, Signal
 
     count = 5
     columns = {name: np.zeros(count) for name in RECORD_COLUMNS} | {"time_s": 0.01 * np.arange(count)}
     signals = [Signal(values, columns["time_s"], name=name) for name, values in columns.items() if name != "speed_m_s"]
-    raw = np.full(count, 2000, np.uint16)
-    signals.append(Signal(raw, columns["time_s"], name="speed_m_s", conversion={"a": 0.01, "b": 0.0}))
+    raw, invalid = np.full(count, 2000, np.uint16), np.arange(count) == 3
+    scaling = {"a": 0.01, "b": 0.0}
+    signals.append(Signal(raw, columns["time_s"], name="speed_m_s", conversion=scaling, invalidation_bits=invalid))
     with MDF(version="4.10") as mdf:
         mdf.append(signals)
         mdf.save(tmp_path / "run.mf4")
-    speed = read_files([str(tmp_path / "run.mf4")], CAN).runs["run"][:, RECORD_COLUMNS.index("speed_m_s")]
-    np.testing.assert_allclose(speed, 20.0)
+    files = read_files([str(tmp_path / "run.mf4")], CAN)
+    speed = files.runs["run"][:, RECORD_COLUMNS.index("speed_m_s")]
+    np.testing.assert_allclose(speed, np.where(invalid, np.nan, 20.0))
+    assert files.notes == ["run: 1 of 5 samples of speed_m_s are marked as invalid."]
 
 
 def test_messages_for_files_of_another_kind(tmp_path: Path) -> None:
