@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
@@ -27,6 +27,8 @@ _STEP = re.compile(r"(?P<name>[A-Za-z_]\w*)|\.(?P<field>[A-Za-z_]\w*)|\[(?P<inde
 _ADDRESS_OF, _ADDRESS_AT = 0x03, 0xA1  # DW_OP_addr, DW_OP_addrx: DWARF 5, section 7.7.1
 _KINDS: dict[int, Kind] = {0x02: "unsigned", 0x04: "float", 0x05: "signed", 0x06: "signed", 0x07: "unsigned", 0x08: "unsigned"}
 """Kind by DW_AT_encoding (section 7.8): boolean, float, signed, signed char, unsigned, unsigned char."""
+_SPLIT_NAMES = "DW_AT_dwo_name", "DW_AT_GNU_dwo_name"
+"""Attributes of a unit that only names the file with its content: DWARF 5, section 3.1.2; and GCC before."""
 _STRUCTS = ("DW_TAG_structure_type", "DW_TAG_class_type", "DW_TAG_union_type")
 _SCOPES = ("DW_TAG_subprogram", "DW_TAG_lexical_block", "DW_TAG_namespace")
 _TRANSPARENT = ("DW_TAG_typedef", "DW_TAG_const_type", "DW_TAG_volatile_type")
@@ -212,8 +214,17 @@ class Elf:
         if not self._file.has_dwarf_info(strict=True):
             raise BuildError("no debug information", where=self.name, remedy="compile with -g: it takes no memory of the ECU")
         found: dict[str, list[_Variable]] = {}
-        for unit in self._file.get_dwarf_info().iter_CUs():
+        dwarf = self._file.get_dwarf_info()
+        units = list(dwarf.iter_CUs())
+        _make_types_known(dwarf, units)
+        for unit in units:
             top = unit.get_top_DIE()
+            if split := next((_name(top, each) for each in _SPLIT_NAMES if each in top.attributes), ""):
+                raise BuildError(
+                    f"its debug information is in files of its own, such as {PurePath(split).name}",
+                    where=self.name,
+                    remedy="compile without -gsplit-dwarf",
+                )
             for entry in _variables_below(top):
                 declared = _referenced(entry, "DW_AT_specification") or _referenced(entry, "DW_AT_abstract_origin") or entry
                 name, linked = _name(declared), _name(declared, "DW_AT_linkage_name")
@@ -258,6 +269,13 @@ def _parsed(name: str, content: bytes) -> Any:
         return elffile.ELFFile(BytesIO(content))
     except exceptions.ELFError:
         raise BuildError("not an ELF", where=name, remedy="give the linked program, such as firmware.elf") from None
+
+
+def _make_types_known(dwarf: Any, units: Sequence[Any]) -> None:
+    """Make references to type units work: DWARF 5 has them among the other units, where pyelftools does not search."""
+    types = {unit["type_signature"]: unit for unit in units if unit.header.get("unit_type") == "DW_UT_type"}
+    if types:
+        dwarf.get_DIE_by_sig8 = lambda key: types[key].get_DIE_from_refaddr(types[key].cu_offset + types[key]["type_offset"])
 
 
 def children(entry: Any) -> Iterator[Any]:
@@ -366,7 +384,7 @@ class _Search:
 
     def __init__(self, type_name: str) -> None:
         self._type_name = type_name
-        self._holds: dict[tuple[int, int], bool] = {}
+        self._holds: dict[tuple[int, int, int], bool] = {}
 
     def paths(self, ctype: Any, path: str, depth: int) -> Iterator[str]:
         """Yield the paths of all objects of the type in an object of type `ctype` at `path`, down to a depth."""
@@ -392,7 +410,7 @@ class _Search:
     def _contains(self, ctype: Any, depth: int) -> bool:
         if ctype is None or depth == 0:
             return False
-        key = ctype.offset, depth
+        key = id(ctype.cu), ctype.offset, depth  # offsets are those of a section, and types may be in a section of their own
         if key not in self._holds:
             self._holds[key] = self._looked_into(ctype, depth)
         return self._holds[key]
