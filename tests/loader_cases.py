@@ -373,7 +373,7 @@ def fault_apart(loader: Loader, data: bytes, folder: Path) -> str:
     process = os.fork()
     if process == 0:
         try:
-            resource.setrlimit(resource.RLIMIT_CPU, (HANG_S, HANG_S))
+            resource.setrlimit(resource.RLIMIT_CPU, (2 * HANG_S, 2 * HANG_S))  # C code that does not return to Python
             os.write(writing, fault_of_file(loader, path).encode()[:4000])
         finally:
             os._exit(0)
