@@ -106,4 +106,3 @@ def _fault(name: str, is_apart: bool, generator: np.random.Generator, folder: Pa
         return fault_apart(loader, data, folder)
     with readers_in_process():
         return fault_of(loader, data, folder)
-
