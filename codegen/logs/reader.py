@@ -7,7 +7,7 @@ from pathlib import Path
 from codegen.errors import CodegenError, one_line
 from codegen.files import reason_of, require_regular
 from codegen.importing import child
-from codegen.limits import SMALL_SLOW_BYTES, Limits
+from codegen.limits import SMALL_BYTES, SMALL_SLOW_BYTES, Limits
 from codegen.logs import library_warnings
 from codegen.logs.frames import REMEDY, Collector, FileAccount, Frames
 from codegen.requirements import pip_install
@@ -21,8 +21,9 @@ def read_frames(path: Path) -> tuple[Frames, FileAccount]:
     Raises:
         CodegenError: not a regular file, over 1 GiB, damaged, cut short, or the package that reads it is missing.
     """
-    limits = Limits.of(require_regular(path, BYTES_MAX, "give a shorter log"), SMALL_SLOW_BYTES)
     kind = path.suffix.lower()
+    size = require_regular(path, BYTES_MAX, "give a shorter log")
+    limits = Limits.of(size, SMALL_SLOW_BYTES if kind == ".mf4" else SMALL_BYTES)
     try:
         if kind == ".mf4":
             found: tuple[Frames, FileAccount] = child.call("codegen.logs.mf4", "read", path, limits=limits)
