@@ -29,7 +29,7 @@ from codegen.identify.names import Names
 from codegen.importing import child, table
 from codegen.importing.quantities import Name, take_apart, unit_of
 from codegen.importing.source import TABLE_BYTES_MAX, read, text_of
-from codegen.limits import SMALL_SLOW_BYTES, Limits
+from codegen.limits import Limits
 from codegen.logs.account import BusLog, open_bus_log
 from codegen.logs.databases import BusKey, Databases, Defined
 from codegen.logs.reader import BYTES_MAX, LOGS
@@ -200,7 +200,7 @@ def _present(time: FloatArray, values: FloatArray) -> Samples:
 
 
 def _parquet(path: Path, names: Names) -> Log:
-    limits = Limits.of(path.stat().st_size, SMALL_SLOW_BYTES)
+    limits = Limits.of(path.stat().st_size)
     found: list[tuple[str, str]] = _in_child(path, "parquet", "columns", limits=limits)
     columns = [name for name, _ in found]
     of_time, size = _time_column(columns, names, path)
@@ -232,7 +232,7 @@ def _damage(path: Path, what: str) -> Iterator[None]:
 
 def _measurement(path: Path) -> Log | None:
     """Return the measurement in an MF4 file; None for the log of a bus."""
-    limits = Limits.of(path.stat().st_size, SMALL_SLOW_BYTES)
+    limits = Limits.of(path.stat().st_size)
     found: list[ChannelName] | None = _in_child(path, "mf4", "channels", limits=limits)
     if found is None:
         return None

@@ -253,19 +253,29 @@ def test_one_of_several_instances_is_chosen(tmp_path: Path) -> None:
     assert 'SYMBOL_LINK "two[1].controller.law.integral" 0' in fill(BUILD, elf, "two[1]").text
 
 
+APART = "-fdebug-types-section"
 TYPES = """typedef struct { float integral; } law_t;
 typedef struct { int first; law_t law[3]; } task_t;
 typedef struct { char name; task_t task; } ecu_t;
 static ecu_t ecu;
-int main(void) { return ecu.task.law[1].integral > 0.0f; }
+int main(void)
+{
+    if (ecu.name) {
+        static task_t inside;
+        return inside.first++;
+    }
+    return ecu.task.law[1].integral > 0.0f;
+}
 """
 
 
-@pytest.mark.parametrize("version", [4, 5])
-def test_types_in_units_of_their_own(tmp_path: Path, version: int) -> None:
-    """DWARF 4 has them in another section, DWARF 5 among the other units."""
-    elf = Elf.read(compiled(tmp_path, tmp_path, TYPES, f"-gdwarf-{version}", "-fdebug-types-section"))
-    assert elf.instances("task_t") == ["ecu.task"] and elf.instances("law_t") == [f"ecu.task.law[{k}]" for k in range(3)]
+@pytest.mark.parametrize("flags", [("-gdwarf-4",), ("-gdwarf-4", APART), ("-gdwarf-5",), ("-gdwarf-5", APART)])
+def test_types_in_units_of_their_own(tmp_path: Path, flags: tuple[str, ...]) -> None:
+    """DWARF 4 has them in another section, DWARF 5 among the other units. A variable inside a function counts as well."""
+    elf = Elf.read(compiled(tmp_path, tmp_path, TYPES, *flags))
+    laws = [f"{task}.law[{k}]" for task in ("ecu.task", "inside") for k in range(3)]
+    assert elf.instances("task_t") == ["ecu.task", "inside"] and elf.instances("law_t") == laws
+    assert elf.instances("float") == []
     first, last = elf.place("ecu.task.first"), elf.place("ecu.task.law[2].integral")
     assert first is not None and last == Place(first.address + 12, 4, "float", 1)
 
