@@ -13,7 +13,8 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-from codegen.errors import BuildError, one_line
+from codegen.errors import BuildError, CodegenError, one_line
+from codegen.files import write_atomically
 
 WRITABLE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
 SEAL_DIGITS = 32
@@ -140,18 +141,16 @@ def keep(folder: Path, name: str, content: bytes, suffix: str = "", *, executabl
     """Store a file under a name in one step: other processes see all of it or nothing. Arguments are those of `find`.
 
     The name of the file contains a digest of the name and the content, so a file with one changed bit, or one that was
-    renamed, is not found. Raises OSError.
+    renamed, is not found.
+
+    Raises:
+        BuildError: it cannot be written.
     """
     path = folder / _file_name(name, content, suffix)
-    handle, temporary = tempfile.mkstemp(dir=folder, prefix="build-")
     try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-            os.fchmod(file.fileno(), 0o700 if executable else 0o600)
-        os.replace(temporary, path)
-    finally:
-        with contextlib.suppress(FileNotFoundError):
-            os.unlink(temporary)
+        write_atomically(path, content, mode=0o700 if executable else 0o600)
+    except CodegenError as error:
+        raise BuildError(error.what, where=error.where, remedy="free space there, or set ARS_CACHE") from None
     return Entry(path, content)
 
 

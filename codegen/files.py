@@ -84,19 +84,24 @@ class ChangedError(CodegenError):
     """A file that was to be replaced is no longer the one that was read."""
 
 
-def write_atomically(path: Path, content: bytes, *, replaces: bytes | EllipsisType | None = ...) -> None:
+def write_atomically(
+    path: Path, content: bytes, *, replaces: bytes | EllipsisType | None = ..., mode: int | None = None
+) -> None:
     """Write one file completely or not at all. See `write_together`.
 
     Args:
         replaces: content that the file must still have; None: it must not exist; ...: any.
+        mode: permissions of the file; None: those of any new file.
 
     Raises:
         ChangedError: another program wrote the file in the meantime. Nothing is written.
     """
-    write_together({path: content}, {} if isinstance(replaces, EllipsisType) else {path: replaces})
+    write_together({path: content}, {} if isinstance(replaces, EllipsisType) else {path: replaces}, mode)
 
 
-def write_together(files: Mapping[Path, bytes], replaces: Mapping[Path, bytes | None] | None = None) -> None:
+def write_together(
+    files: Mapping[Path, bytes], replaces: Mapping[Path, bytes | None] | None = None, mode: int | None = None
+) -> None:
     """Write a temporary file beside each path, then rename them all. If one cannot be written, all previous files remain. Links
     are followed. A rename that fails leaves those before it done; then the content of all is on the same disk already.
 
@@ -105,6 +110,7 @@ def write_together(files: Mapping[Path, bytes], replaces: Mapping[Path, bytes | 
 
     Args:
         replaces: path -> content that the file must still have, None: it must not exist. Other paths may have any.
+        mode: permissions of the files; None: those of any new file.
 
     Raises:
         CodegenError: a folder is missing, a path is a folder or a device, the disk is full, or similar.
@@ -113,7 +119,7 @@ def write_together(files: Mapping[Path, bytes], replaces: Mapping[Path, bytes | 
     expected = replaces or {}
     # A signal between creating a temporary file and entering `try` would leave it there.
     with deferred(), contextlib.ExitStack() as stack:
-        written = [(path, *stack.enter_context(_written_beside(path, content))) for path, content in files.items()]
+        written = [(path, *stack.enter_context(_written_beside(path, content, mode))) for path, content in files.items()]
         for path, _, target in sorted(written, key=lambda each: each[2]):  # in one order, so that no two wait for each other
             stack.enter_context(_locked(path, target))
         for path, _, target in written:
@@ -192,7 +198,7 @@ def _changed(path: Path) -> ChangedError:
 
 
 @contextlib.contextmanager
-def _written_beside(path: Path, content: bytes) -> Iterator[tuple[Path, Path]]:
+def _written_beside(path: Path, content: bytes, mode: int | None) -> Iterator[tuple[Path, Path]]:
     """Yield a temporary file with the content, and the target of `path`. The temporary file is removed at the end."""
     with _told(path):
         target = path.resolve()
@@ -205,10 +211,11 @@ def _written_beside(path: Path, content: bytes) -> Iterator[tuple[Path, Path]]:
                 file.write(content)
                 file.flush()
                 os.fsync(file.fileno())
-            # mkstemp makes a file that only its user can read. A result gets the permissions of any new file.
-            umask = os.umask(0)
-            os.umask(umask)
-            temporary.chmod(0o666 & ~umask)
+            if mode is None:  # mkstemp makes a file that only its user can read
+                umask = os.umask(0)
+                os.umask(umask)
+                mode = 0o666 & ~umask
+            temporary.chmod(mode)
             yield temporary, target
         finally:
             temporary.unlink(missing_ok=True)

@@ -9,6 +9,7 @@ import pytest
 
 from codegen import cache
 from codegen.cache import cache_folder
+from codegen.errors import BuildError
 
 NAME, CONTENT = "_library_0123456789abcdef", b"\x7fELF\x00some code"
 OTHER_USER = 12345
@@ -136,3 +137,10 @@ def test_a_file_of_another_user_is_not_accepted(folder: Path, monkeypatch: pytes
     cache.keep(cache_folder(), NAME, CONTENT)
     monkeypatch.setattr(os, "getuid", lambda: OTHER_USER)
     assert cache.find(folder, NAME) is None
+
+
+def test_a_folder_that_cannot_be_written_is_reported(folder: Path) -> None:
+    with pytest.raises(
+        BuildError, match=r"gone.*: cannot be written \(No such file or directory\); free space there, or set ARS_CACHE$"
+    ):
+        cache.keep(folder / "gone", NAME, CONTENT)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
@@ -27,8 +27,12 @@ _STEP = re.compile(r"(?P<name>[A-Za-z_]\w*)|\.(?P<field>[A-Za-z_]\w*)|\[(?P<inde
 _ADDRESS_OF, _ADDRESS_AT = 0x03, 0xA1  # DW_OP_addr, DW_OP_addrx: DWARF 5, section 7.7.1
 _KINDS: dict[int, Kind] = {0x02: "unsigned", 0x04: "float", 0x05: "signed", 0x06: "signed", 0x07: "unsigned", 0x08: "unsigned"}
 """Kind by DW_AT_encoding (section 7.8): boolean, float, signed, signed char, unsigned, unsigned char."""
+_SPLIT_NAMES = "DW_AT_dwo_name", "DW_AT_GNU_dwo_name"
+"""Attributes of a unit that only names the file with its content: DWARF 5, section 3.1.2; and GCC before."""
 _STRUCTS = ("DW_TAG_structure_type", "DW_TAG_class_type", "DW_TAG_union_type")
-_SCOPES = ("DW_TAG_subprogram", "DW_TAG_lexical_block", "DW_TAG_namespace")
+_FUNCTIONS = ("DW_TAG_subprogram", "DW_TAG_lexical_block")
+_C = (0x01, 0x02, 0x0C, 0x1D, 0x2C, 0x3E)
+"""Values of DW_AT_language for C, of 1989 to 2023 (table 7.17, and those given since)."""
 _TRANSPARENT = ("DW_TAG_typedef", "DW_TAG_const_type", "DW_TAG_volatile_type")
 DEPTH_MAX = 8
 """Nesting depth of structs that are searched for an object of a type."""
@@ -159,14 +163,28 @@ class Elf:
         paths: set[str] = set()
         search = _Search(type_name)
         with self._reading():
+            units = self._units_with(type_name)
             for name, variables in self._variables.items():
                 several = len({each.address for each in variables}) > 1
                 for each in variables:
+                    if units is not None and each.type is not None and each.type.cu.cu_offset not in units:
+                        continue
                     for path in search.paths(each.type, f"{each.unit}:{name}" if several else name, DEPTH_MAX):
                         paths.add(path)
                         if len(paths) > INSTANCES_MAX:
                             raise ValueError(f"more than {INSTANCES_MAX} objects of a type")
         return sorted(paths)
+
+    def _units_with(self, type_name: str) -> set[int] | None:
+        """Return the offsets of the units with a named type; None if types of one unit may be in another one."""
+        tops = [unit.get_top_DIE() for unit in self._units]
+        if self._file.get_section_by_name(".debug_types") or any(top.tag != "DW_TAG_compile_unit" for top in tops):
+            return None
+        return {
+            top.cu.cu_offset
+            for top in tops
+            if any(each.tag == "DW_TAG_typedef" and _name(each) == type_name for each in children(top))
+        }
 
     def bytes_at(self, address: int, size: int) -> bytes | None:
         """Return the initial bytes at an address; None if the file does not contain them, as for zeroed memory."""
@@ -202,28 +220,56 @@ class Elf:
         if table is None:
             raise BuildError("no symbols", where=self.name, remedy="take the ELF as linked, before it is stripped")
         found: dict[str, set[int]] = {}
+        self._own: dict[str, set[int]] = {}
+        source: set[int] = set()
         for symbol in table.iter_symbols():
-            if symbol["st_info"]["type"] == "STT_OBJECT" and symbol["st_shndx"] != "SHN_UNDEF":
+            info = symbol["st_info"]
+            if info["type"] == "STT_FILE":
+                source = self._own.setdefault(symbol.name, set())
+            elif info["type"] == "STT_OBJECT" and symbol["st_shndx"] != "SHN_UNDEF":
                 # A variable inside a function is `name.number`.
                 found.setdefault(symbol.name.partition(".")[0], set()).add(symbol["st_value"])
+                if info["bind"] == "STB_LOCAL":
+                    source.add(symbol["st_value"])
         return found
 
     def _read_variables(self) -> dict[str, list[_Variable]]:
         if not self._file.has_dwarf_info(strict=True):
             raise BuildError("no debug information", where=self.name, remedy="compile with -g: it takes no memory of the ECU")
         found: dict[str, list[_Variable]] = {}
-        for unit in self._file.get_dwarf_info().iter_CUs():
+        self._taken: set[int] = set()
+        dwarf = self._file.get_dwarf_info()
+        self._units = list(dwarf.iter_CUs())
+        _make_types_known(dwarf, self._units)
+        for unit in self._units:
             top = unit.get_top_DIE()
-            for entry in _variables_below(top):
-                declared = _referenced(entry, "DW_AT_specification") or _referenced(entry, "DW_AT_abstract_origin") or entry
-                name, linked = _name(declared), _name(declared, "DW_AT_linkage_name")
-                # What the linker left out has no symbol.
-                known = self._symbols.get(name, set()) | self._symbols.get(linked, set())
-                address = self._address(entry, known)
-                if address in known:
-                    ctype = _referenced(declared, "DW_AT_type")
-                    found.setdefault(name, []).append(_Variable(address, ctype, PurePath(_name(top)).name))
+            if split := next((_name(top, each) for each in _SPLIT_NAMES if each in top.attributes), ""):
+                raise BuildError(
+                    f"its debug information is in files of its own, such as {PurePath(split).name}",
+                    where=self.name,
+                    remedy="compile without -gsplit-dwarf",
+                )
+            source = PurePath(_name(top)).name
+            own = self._own.get(source) if _language(top) in _C else None
+            functions: list[Any] = []
+            self._take(_variables_below(top, functions), source, found)
+            # Most entries are inside functions, but few variables with an address are, and those are local symbols.
+            if own is None or not own <= self._taken:
+                while functions:
+                    self._take(_variables_below(functions.pop(), functions), source, found)
         return found
+
+    def _take(self, entries: Iterable[Any], source: str, found: dict[str, list[_Variable]]) -> None:
+        """Add the variables of a source file that are in the program."""
+        for entry in entries:
+            declared = _referenced(entry, "DW_AT_specification") or _referenced(entry, "DW_AT_abstract_origin") or entry
+            name, linked = _name(declared), _name(declared, "DW_AT_linkage_name")
+            # What the linker left out has no symbol.
+            known = self._symbols.get(name, set()) | self._symbols.get(linked, set())
+            address = self._address(entry, known)
+            if address in known:
+                self._taken.add(address)
+                found.setdefault(name, []).append(_Variable(address, _referenced(declared, "DW_AT_type"), source))
 
     def _address(self, entry: Any, known: set[int]) -> int | None:
         location = entry.attributes["DW_AT_location"].value
@@ -260,6 +306,13 @@ def _parsed(name: str, content: bytes) -> Any:
         raise BuildError("not an ELF", where=name, remedy="give the linked program, such as firmware.elf") from None
 
 
+def _make_types_known(dwarf: Any, units: Sequence[Any]) -> None:
+    """Make references to type units work: DWARF 5 has them among the other units, where pyelftools does not search."""
+    types = {unit["type_signature"]: unit for unit in units if unit.header.get("unit_type") == "DW_UT_type"}
+    if types:
+        dwarf.get_DIE_by_sig8 = lambda key: types[key].get_DIE_from_refaddr(types[key].cu_offset + types[key]["type_offset"])
+
+
 def children(entry: Any) -> Iterator[Any]:
     """Yield the direct children of an entry.
 
@@ -274,13 +327,20 @@ def children(entry: Any) -> Iterator[Any]:
         yield child
 
 
-def _variables_below(entry: Any) -> Iterator[Any]:
-    """Yield the variables with an address, including those inside functions and namespaces."""
+def _variables_below(entry: Any, functions: list[Any]) -> Iterator[Any]:
+    """Yield the variables with an address, including those in namespaces. Functions and blocks are added to `functions`."""
     for child in children(entry):
         if child.tag == "DW_TAG_variable" and "DW_AT_location" in child.attributes:
             yield child
-        elif child.tag in _SCOPES:
-            yield from _variables_below(child)
+        elif child.tag == "DW_TAG_namespace":
+            yield from _variables_below(child, functions)
+        elif child.tag in _FUNCTIONS:
+            functions.append(child)
+
+
+def _language(unit: Any) -> int:
+    found = unit.attributes.get("DW_AT_language")
+    return 0 if found is None else int(found.value)
 
 
 def _member(struct: Any, name: str | None) -> Any:
@@ -366,7 +426,7 @@ class _Search:
 
     def __init__(self, type_name: str) -> None:
         self._type_name = type_name
-        self._holds: dict[tuple[int, int], bool] = {}
+        self._holds: dict[tuple[int, int, int], bool] = {}
 
     def paths(self, ctype: Any, path: str, depth: int) -> Iterator[str]:
         """Yield the paths of all objects of the type in an object of type `ctype` at `path`, down to a depth."""
@@ -392,7 +452,7 @@ class _Search:
     def _contains(self, ctype: Any, depth: int) -> bool:
         if ctype is None or depth == 0:
             return False
-        key = ctype.offset, depth
+        key = id(ctype.cu), ctype.offset, depth  # offsets are those of a section, and types may be in a section of their own
         if key not in self._holds:
             self._holds[key] = self._looked_into(ctype, depth)
         return self._holds[key]

@@ -10,16 +10,12 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from codegen.identify.model import AXLES
-from codegen.identify.parameters import BY_NAME, CURVES, Parameter
-from codegen.identify.reached import PEAK_REACHED, Reached, slip_limit, tyres_of
+from codegen.identify.parameters import BY_NAME, CURVES
+from codegen.identify.reached import PEAK_REACHED, Reached, exceeds_reached, linear_end, slip_limit, tyres_of
 from codegen.identify.run import Identification
 from codegen.identify.validation import Validation
 from codegen.units import DEGREE
 
-END_SPREADS = 1e-3
-"""Distance to an end of its range, in spreads, within which a value counts as being there: far below every deviation."""
-FRICTION_FACTOR_MAX = 1.15
-"""Largest D over the friction that the drives reached: a load sensitivity of -0.3 with 70 % of a wheel's load transferred."""
 SLIP_FACTOR_MAX = 1.01
 """Largest slip that a map uses over the slip that was driven: both are rounded, and simulated with noise."""
 FREE_RUN_FACTOR_MAX = 1.0
@@ -45,18 +41,9 @@ def _ends(found: Identification) -> Iterator[str]:
     """Yield each value at an end of its range."""
     for each in found.quantities.values():
         parameter = each.parameter
-        if each.is_identified and (end := _end(parameter, each.value)) is not None:
+        if each.is_identified and (end := parameter.end_at(each.value)) is not None:
             shown = f"{end / parameter.size:.4g} {parameter.unit}".strip()
             yield f"{parameter.title} is at the end of its range, {shown}"
-
-
-def _end(parameter: Parameter, value: float) -> float | None:
-    """Return the end of the range at which a value lies; None inside."""
-    for end in (parameter.low, parameter.high):
-        near = END_SPREADS * parameter.spread * (end if parameter.is_relative else 1.0)
-        if abs(value - end) <= near:
-            return end
-    return None
 
 
 def _beyond_the_drives(found: Identification, limits: Reached) -> Iterator[str]:
@@ -68,14 +55,14 @@ def _beyond_the_drives(found: Identification, limits: Reached) -> Iterator[str]:
     ):
         driven = f"the {slip / DEGREE:.1f} deg of slip that were driven"
         peak = found.quantities[curve[0]]
-        if peak.is_identified and config.road.friction * peak.value > FRICTION_FACTOR_MAX * friction:
+        if peak.is_identified and exceeds_reached(config.road.friction * peak.value, friction):
             yield f"{BY_NAME[curve[0]].title} is {peak.value:.3g}, where the drives reached a friction of {friction:.2f}"
         if peak.is_identified and share < PEAK_REACHED:
             where = f"at {tyre.peak_slip / DEGREE:.1f} deg" if np.isfinite(tyre.peak_slip) else "at no slip"
             yield f"the peak of the {axle} tyres, {where}, lies beyond {driven}"
-        largest = slip_limit(tyre, share, config)
-        if found.quantities[f"{axle}_stiffness"].is_identified and largest > SLIP_FACTOR_MAX * slip:
-            yield f"the slip bound of the {axle} axle, {largest / DEGREE:.1f} deg, lies beyond {driven}"
+        end = slip_limit(tyre, share, config) if config.limits.grip_use_max is not None else linear_end(tyre, config)
+        if found.quantities[f"{axle}_stiffness"].is_identified and end > SLIP_FACTOR_MAX * slip:
+            yield f"the slip bound of the {axle} axle, {end / DEGREE:.1f} deg, lies beyond {driven}, where its map ends"
 
 
 def _predictions(validations: Sequence[Validation]) -> Iterator[str]:

@@ -1,7 +1,8 @@
 """Quantities of the tyre curves that are held as configured, and what their uncertainty adds to that of the others.
 
-The curve of a tyre that did not reach its peak shows in the drives as a small bend of the force, of which D, C, E and the load
-sensitivity are almost interchangeable causes. What the drives would say about each of them is mostly an error of the model.
+The curve of a tyre that did not reach its peak shows in the drives as a bend of the force, of which D, C, E and the load
+sensitivity are almost interchangeable causes. What the drives would say about each of them is mostly an error of the model, and
+all four together describe a curve that goes on anywhere beyond the drives. So only as many are fitted as the driven part needs.
 """
 
 from __future__ import annotations
@@ -14,28 +15,39 @@ from codegen.arrays import BoolArray
 from codegen.configuration import Config
 from codegen.identify.estimate import Fit, curvature
 from codegen.identify.identifiability import Identifiability
-from codegen.identify.parameters import CURVES
-from codegen.identify.reached import reached, tyres_of
+from codegen.identify.parameters import BY_NAME, CURVES
+from codegen.identify.reached import exceeds_reached, reached, tyres_of
+
+PEAK_SLIP_FACTOR_MAX = 2.0
+"""Largest slip of a peak over the one that was driven: beyond, more of the curve is extrapolated than was driven."""
 
 
 def undetermined_curves(fitted: Fit, judged: Identifiability, config: Config) -> list[str]:
-    """Return the quantities of the tyre curves that the next fit holds at their configured values, where D is not determined.
+    """Return the quantities of the tyre curves that the next fit holds at their configured values.
 
     Without the peak, the drives do not tell D from C and the load sensitivity; nor, in the next fit, from E. D is held too if,
-    in the last one, the curve was not driven beyond its slip bound.
+    in the last one, the curve was not driven beyond its slip bound. However small the deviation of D is, C and load sensitivity
+    are not determined if the curve goes far beyond the drives, or has a quantity at the end of its range.
     """
     names, values = fitted.problem.prior.names, fitted.named()
     departure = config.limits.slip_departure_percent / 100.0
     held: list[str] = []
-    for curve, tyre, slip in zip(CURVES, tyres_of(config, values), reached(fitted, config).slip, strict=True):
+    driven = reached(fitted, config)
+    for axle, (curve, tyre) in enumerate(zip(CURVES, tyres_of(config, values), strict=True)):
         peak, shape, curvature, sensitivity = curve
         free = {name for name in curve if fitted.free[names.index(name)]}
-        if peak not in free or judged.is_identified[names.index(peak)]:
+        others = {shape, sensitivity} & free
+        goes_beyond = (
+            exceeds_reached(config.road.friction * values[peak], driven.friction[axle])
+            or tyre.peak_slip > PEAK_SLIP_FACTOR_MAX * driven.slip[axle]
+            or any(BY_NAME[name].end_at(values[name]) is not None for name in free)
+        )
+        if peak not in free or (judged.is_identified[names.index(peak)] and not (others and goes_beyond)):
             continue
-        if others := {shape, sensitivity} & free or {curvature} & free:
+        if others := others or {curvature} & free:
             held += sorted(others)
             continue
-        if tyre.departure(slip) < departure:
+        if tyre.departure(driven.slip[axle]) < departure:
             held.append(peak)
     return held
 

@@ -16,6 +16,10 @@ from codegen.vehicle.tyre import AxleTyres
 Group = Literal["vehicle", "actuator", "steering"]
 
 
+END_SPREADS = 1e-3
+"""Distance to an end of its range, in spreads, within which a value counts as being there: far below every deviation."""
+
+
 @dataclass(frozen=True)
 class Parameter:
     """One identified quantity.
@@ -44,6 +48,13 @@ class Parameter:
     low: float
     high: float
     manoeuvre: str
+
+    def end_at(self, value: float) -> float | None:
+        """Return the end of the range at which a value (SI) lies; None inside."""
+        for end in (self.low, self.high):
+            if abs(value - end) <= END_SPREADS * self.spread * (end if self.is_relative else 1.0):
+                return end
+        return None
 
 
 _TURN = "steady turns at several speeds and step steers, up to 4 m/s^2"

@@ -14,7 +14,7 @@ from codegen.errors import ConfigError
 from codegen.identify.estimate import Fit
 from codegen.identify.model import AXLES, OUTPUTS
 from codegen.identify.parameters import BY_NAME, CURVES
-from codegen.vehicle.tyre import SLIP_SEARCH_MAX, MagicFormulaTyre, static_wheel_loads
+from codegen.vehicle.tyre import SLIP_SEARCH_MAX, MagicFormulaTyre, known_slip, static_wheel_loads
 
 PEAK_QUANTILE = 0.999
 """Fraction of the samples that lie below a largest value."""
@@ -27,6 +27,9 @@ GRIP_REACHED_MIN = 0.05
 """Smallest share that counts."""
 SLOPE_STEP = 0.01
 """Step of derivatives, in spreads of the quantities before the drives."""
+
+FRICTION_FACTOR_MAX = 1.15
+"""Largest D over the friction that the drives reached: a load sensitivity of -0.3 with 70 % of a wheel's load transferred."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +57,7 @@ class AxleForce:
     Attributes:
         force: largest side force of the axle in the drives, N.
         slip_limit: slip angle in rad at which the map ends: where the force is `limits.grip_use_max` of the largest known one,
-            or at the end of the linear range without that key; NaN if there is no end.
+            or at the end of the linear range without that key, or where the drives ended; NaN if there is no end.
     """
 
     force: float
@@ -132,6 +135,11 @@ def tyres_of(config: Config, values: dict[str, float]) -> tuple[MagicFormulaTyre
     return found[0], found[1]
 
 
+def exceeds_reached(largest: float, friction: float) -> bool:
+    """Return whether the largest friction of a curve is far above the one that the drives reached."""
+    return largest > FRICTION_FACTOR_MAX * friction
+
+
 def known_share(share: float) -> float:
     """Return the share of its largest force that an axle is known to carry, from the share that the drives reached."""
     return max(share, GRIP_REACHED_MIN) if share < PEAK_REACHED else 1.0
@@ -184,12 +192,22 @@ def slip_limit(tyre: MagicFormulaTyre, share: float, config: Config, factor: flo
     """Return the slip angle in rad at which a map ends, see `AxleForce`, if the drives reached a share of the tyre's peak.
 
     Args:
-        factor: on the force at the limit, or on the departure from the linear range.
+        factor: on the force at the limit, and on the departure from the linear range.
     """
-    limits = config.limits
-    if limits.grip_use_max is not None:
-        return tyre.slip_at_use(min(factor * limits.grip_use_max * known_share(share), 1.0))
+    use, known = config.limits.grip_use_max, known_share(share)
+    if use is not None:
+        return tyre.slip_at_use(min(factor * use * known, 1.0))
+    end, known = linear_end(tyre, config, factor), min(factor * known, 1.0)
+    return end if known == 1.0 else float(np.fmin(end, known_slip(tyre, known)))
+
+
+def linear_end(tyre: MagicFormulaTyre, config: Config, factor: float = 1.0) -> float:
+    """Return the slip angle in rad at the end of the linear range, wherever the drives ended; NaN if there is no end.
+
+    Args:
+        factor: on the departure from the linear range.
+    """
     try:
-        return tyre.slip_bound(factor * limits.slip_departure_percent / 100.0)
+        return tyre.slip_bound(factor * config.limits.slip_departure_percent / 100.0)
     except ConfigError:
         return math.nan

@@ -110,28 +110,40 @@ def import_map(path: Path, choices: Choices) -> ImportedMap:
 
 def _read(source: Source, choices: Choices, given: Mapping[str, str]) -> ImportedMap:
     found = contents(source) if source.path.suffix.lower() in MATLAB_ENDINGS else None
+    turned = replace(choices, rows="delta_f")
     try:
-        return _imported(source, found, choices, given)
+        raw = _raw(source, found, choices)
+        imported = _imported(source, raw, given)
     except CodegenError as error:
         is_asked = choices.rows is not None or "--rows" in error.remedy
-        if is_asked or not _fits(source, found, replace(choices, rows="delta_f"), given):
+        if is_asked or not _fits(source, found, turned, given):
             raise
         remedy = f"{error.remedy}, or is it the other way round? --rows delta_f would fit"
         raise type(error)(error.what, where=error.where, remedy=remedy) from None
+    if raw.assumes_rows and _fits(source, found, turned, given):
+        raise ImportFault("speeds and front angles could be either way round", where=source.path, remedy=ROWS_WANTED)
+    return imported
+
+
+ROWS_WANTED = "give --rows vx if it has a row for each speed, else --rows delta_f"
+
+
+def _raw(source: Source, found: Contents | None, choices: Choices) -> RawMap:
+    """Return the contents of a text table, or of a MATLAB file where `found` is given."""
+    return _from_matlab(source, found, choices) if found is not None else read_table(source, choices.names, choices.rows)
 
 
 def _fits(source: Source, found: Contents | None, choices: Choices, given: Mapping[str, str]) -> bool:
     try:
-        _imported(source, found, choices, given)
+        _imported(source, _raw(source, found, choices), given)
     except CodegenError:
         return False
     return True
 
 
-def _imported(source: Source, found: Contents | None, choices: Choices, given: Mapping[str, str]) -> ImportedMap:
-    """Return the map of a text table, or of a MATLAB file where `found` is given."""
+def _imported(source: Source, raw: RawMap, given: Mapping[str, str]) -> ImportedMap:
+    """Return the map of the contents of a file."""
     path = source.path
-    raw = _from_matlab(source, found, choices) if found is not None else read_table(source, choices.names, choices.rows)
     stray = sorted(given.keys() - raw.values.keys())
     if stray:
         raise ImportFault(f"{path.name} has no {stray[0]}", where="--units", remedy="leave it out")
@@ -223,7 +235,7 @@ def _from_matlab(source: Source, found: Contents, choices: Choices) -> RawMap:
         raise ImportFault(
             f"as many speeds as front angles, {shape[0]}: the table does not show what its rows are",
             where=f"{source.path}: {names['yaw_rate'].text}",
-            remedy="give --rows vx if it has a row for each speed, else --rows delta_f",
+            remedy=ROWS_WANTED,
         )
     return RawMap(values, names, said)
 

@@ -248,11 +248,13 @@ class RawMap:
         values: quantity key -> (n,) for vx, (m,) for delta_f, (n, m) for the tables, NaN where there is no value.
         names: quantity key -> its name in the file.
         said: notes for the user on how it was read.
+        assumes_rows: whether nothing in the file says that the rows are speeds.
     """
 
     values: dict[str, npt.NDArray[np.float64]]
     names: dict[str, Name]
     said: list[str] = field(default_factory=list)
+    assumes_rows: bool = False
 
 
 def read_table(source: Source, wanted: Mapping[str, str], rows: Axis | None) -> RawMap:
@@ -364,12 +366,13 @@ def _matrix(cells: Cells, top: Line, body: tuple[Line, ...], rows: Axis | None, 
         down: np.array([_axis_value(cells, line, 0, down, source) for line in body]),
     }
     table = np.array([[cells.value(line, column, source.path) for column in columns] for line in body])
-    said = [f"a matrix with {down} down the rows" + ("" if rows or found else " (as the corner does not say)")]
+    assumes = rows is None and found is None
+    said = [f"a matrix with {down} down the rows" + (" (as the corner does not say)" if assumes else "")]
     if down == "delta_f":
         table = table.T
         said.append("transposed")
     values = {"vx": axes["vx"], "delta_f": axes["delta_f"], "yaw_rate": table}
-    return RawMap(values, {key: names.get(key, Name(key, key)) for key in values}, said)
+    return RawMap(values, {key: names.get(key, Name(key, key)) for key in values}, said, assumes)
 
 
 def _axis_value(cells: Cells, line: Line, column: int, key: str, source: Source) -> float:

@@ -22,7 +22,7 @@ from codegen.files import require_regular
 from codegen.importing import child, table
 from codegen.importing.rows import MISSING, TEXT, UNUSED, Count, Group, group_of, without
 from codegen.importing.source import TABLE_BYTES_MAX, ImportFault, read, text_of
-from codegen.limits import SMALL_SLOW_BYTES, Limits
+from codegen.limits import Limits
 from codegen.logs.frames import BYTES_MAX
 from codegen.logs.text import are_differences
 from codegen.requirements import missing
@@ -270,7 +270,7 @@ def _count_of(name: str, values: FloatArray) -> Count:
 
 
 def _parquet(path: Path, time: str | None, time_unit: str | None) -> Measurement:
-    limits = Limits.of(path.stat().st_size, SMALL_SLOW_BYTES)
+    limits = Limits.of(path.stat().st_size)
     found, rows = _in_child(path, "parquet", "columns", limits=limits)
     names = [name for name, _ in found]
     of_time, size = _time_column(names, time, time_unit, path)
@@ -296,7 +296,7 @@ def _parquet(path: Path, time: str | None, time_unit: str | None) -> Measurement
 
 
 def _mf4(path: Path) -> Measurement | None:
-    limits = Limits.of(path.stat().st_size, SMALL_SLOW_BYTES)
+    limits = Limits.of(path.stat().st_size)
     found: list[ChannelName] | None = _in_child(path, "mf4", "channels", limits=limits)
     if found is None:
         return None

@@ -7,6 +7,7 @@ returns. Stamps are computed here: python-can takes relative ones for absolute o
 from __future__ import annotations
 
 import re
+from array import array
 from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
@@ -241,7 +242,7 @@ def read_candump(path: Path) -> tuple[Collector, str]:
     into.form = lines.form
     time = np.array(into.times)
     if are_differences(time):
-        into.times[:] = np.cumsum(time).tolist()
+        into.times = array("d", np.cumsum(time))
         return into, "time from the frame before"
     return into, "Unix time" if time.size and time[0] > 1e8 else "time from the start of the log"
 

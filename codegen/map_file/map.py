@@ -417,8 +417,12 @@ def choose_config(reference_map: ReferenceMap | None, config_path: Path | None) 
 
 
 def grip_notes(config: Config, cases: Iterable[str | None] | None = None) -> Iterator[str]:
-    """Yield notes on the grip that maps of the nonlinear tyre leave unused: those of some cases, by default of all."""
+    """Yield notes on the grip that maps leave unused, and on what drives did not reach: of some cases, by default of all."""
     chosen = config.cases if cases is None else list(cases)
+    reached = [(axle, share) for axle, share in zip(("front", "rear"), grip_known(config), strict=True) if share < 1.0]
+    if config.limits.grip_use_max is None:
+        for axle, share in reached:
+            yield f"{axle} axle: the drives reached {100.0 * share:.0f} % of its grip; maps end there at the latest"
     nonlinear = [name for name, case in config.cases.items() if name in chosen and case.tyre_model != "linear"]
     if not nonlinear:
         return
@@ -428,6 +432,5 @@ def grip_notes(config: Config, cases: Iterable[str | None] | None = None) -> Ite
             "set the key, such as 0.98, to use its grip"
         )
         return
-    for axle, share in zip(("front", "rear"), grip_known(config), strict=True):
-        if share < 1.0:
-            yield f"{axle} axle: the drives reached {100.0 * share:.0f} % of its grip; grip_use_max refers to that"
+    for axle, share in reached:
+        yield f"{axle} axle: the drives reached {100.0 * share:.0f} % of its grip; grip_use_max refers to that"

@@ -19,7 +19,7 @@ from codegen import cache, configuration
 from codegen.configuration import Config, Identified
 from codegen.design.family import measured_keys
 from codegen.emit.build import BuildInputs, BuildOptions, build_code
-from codegen.errors import ConfigError, within
+from codegen.errors import BuildError, ConfigError, within
 from codegen.map_file import map as npz
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.solve import solve_case
@@ -128,7 +128,7 @@ def solve_map(car: MeasuredCar, progress: Progress | None = None) -> ReferenceMa
         if config.controller.kind == "tracking":
             assert reference_map.config is not None  # a solved map has one
             reference_map = reference_map.with_config(_tuned(reference_map, reference_map.config, progress, car.name))
-    with contextlib.suppress(OSError):  # for instance a full disk: then it is solved again next time
+    with contextlib.suppress(BuildError):  # for instance a full disk: then it is solved again next time
         cache.keep(folder, name, npz.to_bytes(reference_map), ".npz")
     return reference_map
 

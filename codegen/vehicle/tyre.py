@@ -295,7 +295,7 @@ class AxleTyres:
     """The tyre of each axle, with the slip angles in rad that end its linear range and, where configured, its use of grip.
 
     Attributes:
-        front_slip_bound, rear_slip_bound: end of the linear range.
+        front_slip_bound, rear_slip_bound: end of the linear range, or of what the drives of an identification reached of it.
         grip_slips: of front and rear axle, where they use `limits.grip_use_max` of their grip; None without that key.
     """
 
@@ -318,12 +318,19 @@ class AxleTyres:
             for tyre, load in zip((config.tyre.front, config.tyre.rear), static_wheel_loads(config), strict=True)
         )
         departure = limits.slip_departure_percent / 100.0
+        known = grip_known(config)
         if limits.grip_use_max is None:
-            return cls(front, rear, front.slip_bound(departure, "tyre.front"), rear.slip_bound(departure, "tyre.rear"), None)
+            bounds = [
+                min(tyre.slip_bound(departure, f"tyre.{axle}"), known_slip(tyre, share))
+                for axle, tyre, share in zip(("front", "rear"), (front, rear), known, strict=True)
+            ]
+            return cls(front, rear, bounds[0], bounds[1], None)
         # The force of an axle over its largest one is the tyre's curve, whatever load, load transfer and friction are.
-        uses = (limits.grip_use_max * share for share in grip_known(config))
-        grip = tuple(tyre.slip_at_use(use) for tyre, use in zip((front, rear), uses, strict=True))
-        linear = [_slip_bound(tyre, departure) or math.inf for tyre in (front, rear)]
+        grip = [tyre.slip_at_use(limits.grip_use_max * share) for tyre, share in zip((front, rear), known, strict=True)]
+        linear = [
+            min(_slip_bound(tyre, departure) or math.inf, known_slip(tyre, share))
+            for tyre, share in zip((front, rear), known, strict=True)
+        ]
         return cls(front, rear, linear[0], linear[1], (grip[0], grip[1]))
 
     @property
@@ -338,6 +345,11 @@ def grip_known(config: Config) -> tuple[float, float]:
     Below one where the drives of an identification did not reach that force.
     """
     return config.identified.front_grip_reached, config.identified.rear_grip_reached
+
+
+def known_slip(tyre: MagicFormulaTyre, share: float) -> float:
+    """Return the slip angle in rad up to which a curve is known, if drives reached a share of its largest force: all if 1."""
+    return tyre.slip_at_use(share) if share < 1.0 else math.inf
 
 
 def slip_bounds(config: Config) -> tuple[float, float] | None:

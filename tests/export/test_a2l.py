@@ -14,7 +14,7 @@ from codegen.configuration.xcp import NATIVE_COMMANDS
 from codegen.emit.text import Precision
 from codegen.errors import BuildError
 from codegen.export.a2l import Filled, fill
-from codegen.export.elf import Elf
+from codegen.export.elf import Elf, Place
 from codegen.map_file import map as refmap
 from codegen.sil.toolchain import compiler_command
 from tests import builds
@@ -212,6 +212,9 @@ UNSUITABLE: dict[str, Callable[[Path], Path]] = {
     "not an ELF": lambda folder: BUILD / "README.md",
     "no symbols": lambda folder: compiled(BUILD, folder, EMPTY, "-s"),
     "no debug information": lambda folder: compiled(BUILD, folder, EMPTY, "-g0"),
+    "in files of its own, such as program-main.dwo; compile without -gsplit-dwarf": lambda folder: compiled(
+        folder, folder, EMPTY, "-gsplit-dwarf"
+    ),
     "no variable ars_epk": lambda folder: compiled(folder, folder, "int number = 1;\n" + EMPTY),
     "it holds the build ": lambda folder: compiled(GENERATED / "4ws2-paper", folder, EMPTY),
 }
@@ -248,6 +251,33 @@ def test_one_of_several_instances_is_chosen(tmp_path: Path) -> None:
     places = {name: fill(BUILD, elf, name).places["ars.law.integral"] for name in ("one", "two[1]")}
     assert places["two[1]"] == elf.place("two[1].controller.law.integral") != places["one"]
     assert 'SYMBOL_LINK "two[1].controller.law.integral" 0' in fill(BUILD, elf, "two[1]").text
+
+
+APART = "-fdebug-types-section"
+TYPES = """typedef struct { float integral; } law_t;
+typedef struct { int first; law_t law[3]; } task_t;
+typedef struct { char name; task_t task; } ecu_t;
+static ecu_t ecu;
+int main(void)
+{
+    if (ecu.name) {
+        static task_t inside;
+        return inside.first++;
+    }
+    return ecu.task.law[1].integral > 0.0f;
+}
+"""
+
+
+@pytest.mark.parametrize("flags", [("-gdwarf-4",), ("-gdwarf-4", APART), ("-gdwarf-5",), ("-gdwarf-5", APART)])
+def test_types_in_units_of_their_own(tmp_path: Path, flags: tuple[str, ...]) -> None:
+    """DWARF 4 has them in another section, DWARF 5 among the other units. A variable inside a function counts as well."""
+    elf = Elf.read(compiled(tmp_path, tmp_path, TYPES, *flags))
+    laws = [f"{task}.law[{k}]" for task in ("ecu.task", "inside") for k in range(3)]
+    assert elf.instances("task_t") == ["ecu.task", "inside"] and elf.instances("law_t") == laws
+    assert elf.instances("float") == []
+    first, last = elf.place("ecu.task.first"), elf.place("ecu.task.law[2].integral")
+    assert first is not None and last == Place(first.address + 12, 4, "float", 1)
 
 
 def test_a_frozen_calibration_is_still_the_same_build(tracking: Linked) -> None:

@@ -7,15 +7,22 @@ import tomllib
 import numpy as np
 import pytest
 
-from codegen.configuration import parse, preset_text
+from codegen.configuration import parse, preset, preset_text
 from codegen.identify.doubts import doubts
+from codegen.identify.held import undetermined_curves
+from codegen.identify.identifiability import analyse
 from codegen.identify.model_error import ERROR_FACTOR, model_error, with_model_error
-from codegen.identify.parameters import BY_NAME
+from codegen.identify.parameters import BY_NAME, CURVES
 from codegen.identify.reached import Reached, axle_forces, held_means, reached, slip_limit, tyres_of
 from codegen.identify.result import identified_toml
-from codegen.identify.run import Identification
+from codegen.identify.run import Identification, identify
 from codegen.identify.validation import FreeRun, Validation, Whiteness, model_errors
+from codegen.importing.toml_edit import whole
+from codegen.map_file.map import grip_notes
 from codegen.units import DEGREE
+from codegen.vehicle.tyre import AxleTyres
+from tests.identify.drives import SENSOR, Course, configured_car, drive
+from tests.identify.foreign import BRUSH, START, leaning_plant
 from tests.identify.test_identification import identified
 
 WHITE, COLOURED = Whiteness(0.0, 10.0, 20, 0.5), Whiteness(0.5, 900.0, 20, 0.0)
@@ -73,6 +80,47 @@ def test_a_peak_and_a_slip_bound_beyond_the_drives_are_in_doubt() -> None:
     assert found == f"the peak of the rear tyres, at {peak:.1f} deg, lies beyond the 4.0 deg of slip that were driven"
     little = dataclasses.replace(less, slip=(20.0 * DEGREE, 0.5 * DEGREE))
     assert any(text.startswith("the slip bound of the rear axle, ") for text in doubts(identified(), little, []))
+
+
+def test_the_linear_range_of_a_map_ends_where_the_drives_did() -> None:
+    """A car with brush tyres, roll and relaxation, driven within the linear range: its curves stay as configured. The doubt
+    names the bound that they would have; the written file ends the map where the drives ended."""
+    base = preset("recommended").with_ideal_plant()
+    given = drive(base, (START, Course(base).turns(60.0, 2.0)), 1, signals=SENSOR, plant=leaning_plant(base, BRUSH))
+    config = configured_car(base).replace({"limits": {"grip_use_max": None}})
+    found = identify(config, [given])
+    driven, tyres = reached(found.vehicle, config), tyres_of(config, found.values())
+    named = doubts(found, driven, [])
+    written = parse(tomllib.loads(identified_toml(found, whole(config, "a test"), "test")), "test")
+    ends = AxleTyres.from_config(written).slip_limits
+    assert not any(found.quantities[name].is_identified for curve in CURVES for name in curve)
+    for axle, tyre in enumerate(tyres):
+        bound, slip = tyre.slip_bound(config.limits.slip_departure_percent / 100.0), driven.slip[axle]
+        assert bound > 1.5 * slip
+        assert named[axle].endswith(
+            f" axle, {bound / DEGREE:.1f} deg, lies beyond the {slip / DEGREE:.1f} deg of slip that were driven, "
+            "where its map ends"
+        )
+        assert slip_limit(tyre, driven.share[axle], config) == pytest.approx(slip)
+        assert ends[axle] == pytest.approx(slip, rel=0.01)  # the share of the grip has three digits
+    assert len(named) == 2
+    assert [note.endswith("maps end there at the latest") for note in grip_notes(written)] == [True, True, False]
+
+
+def test_a_curve_that_goes_far_beyond_the_drives_is_not_determined(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However small the deviation of D is, C and load sensitivity are held, as where D is not determined."""
+    fitted, config = identified().vehicle, identified().config
+    prior = fitted.problem.prior
+    judged = analyse(prior.parameters, fitted.free, fitted.covariance, fitted.information)
+    assert undetermined_curves(fitted, judged, config) == []
+    held = ["front_load_sensitivity", "front_shape"]
+    monkeypatch.setattr("codegen.identify.held.reached", lambda *_: REACHED)
+    at_end = np.where(np.array(prior.names) == held[0], BY_NAME[held[0]].low, fitted.values)
+    assert undetermined_curves(dataclasses.replace(fitted, values=at_end), judged, config) == held
+    changes: list[dict[str, tuple[float, float]]] = [{"friction": (0.8, 1.0)}, {"slip": (3.5 * DEGREE, 20.0 * DEGREE)}]
+    for less in changes:
+        monkeypatch.setattr("codegen.identify.held.reached", lambda *_, less=less: dataclasses.replace(REACHED, **less))
+        assert undetermined_curves(fitted, judged, config) == held
 
 
 def test_a_prediction_with_an_error_of_the_model_is_in_doubt() -> None:

@@ -268,6 +268,19 @@ def test_a_square_table_that_fits_only_when_turned(table: Callable[[str], Path])
     np.testing.assert_allclose(import_map(path, Choices({}, ALL_THREE, "delta_f")).reference_map.yaw_rate, np.radians(r))
 
 
+def test_a_table_that_fits_both_ways_needs_its_rows(table: Callable[[str], Path]) -> None:
+    """Speeds in m/s and angles in deg have the same range of values; a corner that names them decides."""
+    v, d = np.array([5.0, 10.0, 15.0, 20.0]), np.array([3.0, 6.0, 9.0])
+    r = np.outer(v, d) / (2.9 + 0.004 * v[:, None] ** 2)
+    units = "vx=m/s,delta_f=deg,yaw_rate=deg/s"
+    assert message(table(matrix_text(v, d, r, "")), units).endswith(
+        "speeds and front angles could be either way round; give --rows vx if it has a row for each speed, else --rows delta_f"
+    )
+    for rows, text in (("vx", matrix_text(v, d, r, "")), (None, matrix_text(d, v, r.T, r"delta_f [deg] \ vx [m/s]"))):
+        found = import_map(table(text), Choices({}, units, rows)).reference_map  # type: ignore[arg-type]
+        np.testing.assert_allclose(found.yaw_rate, np.radians(r))
+
+
 def test_messages_for_bad_matlab_variables(matlab: Callable[..., Path]) -> None:
     good = {"vx": V, "delta_f": D, "yaw_rate": R}
     for changes, rows, expected in (

@@ -1,11 +1,14 @@
 """Frames of logs of a bus."""
 
 from pathlib import Path
+from typing import Any
 
 import can
+import numpy as np
 import pytest
 
 from codegen.errors import CodegenError
+from codegen.logs.frames import Kind
 from codegen.logs.reader import read_frames
 
 
@@ -38,3 +41,35 @@ def test_an_object_of_no_size_is_refused(tmp_path: Path) -> None:
     path.write_bytes(data)
     with pytest.raises(CodegenError, match="an object has the size 0"):
         read_frames(path)
+
+
+def test_a_blf_is_read_as_python_can_reads_it(tmp_path: Path) -> None:
+    """CAN messages are read without python-can, between the frames of other kinds that it reads."""
+    path, rng = tmp_path / "bus.blf", np.random.default_rng(0)
+    with can.BLFWriter(path) as log:
+        for k, length in enumerate(rng.integers(9, size=300).tolist()):
+            kind: dict[str, Any] = [{}, {}, {"is_fd": True}, {"is_error_frame": True}, {"is_remote_frame": True}][k % 5]
+            is_extended = bool(rng.integers(2))
+            log.on_message_received(
+                can.Message(
+                    timestamp=1.7e9 + 0.0123 * k,
+                    arbitration_id=int(rng.integers(2**29 if is_extended else 2**11)),
+                    is_extended_id=is_extended,
+                    is_rx=bool(rng.integers(2)),
+                    channel=int(rng.integers(3)),
+                    dlc=length,
+                    data=None if k % 5 > 2 else rng.bytes(length),
+                    **kind,
+                )
+            )
+    frames, account = read_frames(path)
+    assert account.read == account.in_file == len(frames) == 300
+    with can.BLFReader(path) as reader:
+        for k, message in enumerate(reader):
+            assert frames.time[k] == message.timestamp
+            assert frames.data[k] == bytes(message.data)
+            assert frames.channels[frames.channel[k]] == str(message.channel + 1)
+            flags = frames.is_extended[k], frames.is_fd[k], not frames.is_sent[k], frames.kind[k] == Kind.REMOTE
+            assert flags == (message.is_extended_id, message.is_fd, message.is_rx, message.is_remote_frame)
+            assert (frames.kind[k] == Kind.ERROR) == message.is_error_frame
+            assert frames.identifier[k] == (0 if message.is_error_frame else message.arbitration_id)

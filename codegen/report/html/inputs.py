@@ -16,7 +16,7 @@ from codegen.configuration import Can
 from codegen.errors import CodegenError, one_line
 from codegen.files import read_file, require_regular
 from codegen.importing import child
-from codegen.limits import SMALL_SLOW_BYTES, Limits
+from codegen.limits import Limits
 from codegen.logs.account import findings, open_bus_log
 from codegen.logs.databases import Identifiers
 from codegen.logs.reader import LOGS
@@ -173,14 +173,14 @@ Recording = tuple[FloatArray, Sequence[str]]
 
 
 def _read_parquet(path: Path) -> Recording:
-    limits = Limits.of(path.stat().st_size, SMALL_SLOW_BYTES)
+    limits = Limits.of(path.stat().st_size)
     columns = _in_child(path, "parquet", "read", RECORD_COLUMNS, child.result_bytes(limits), limits=limits)
     return _checked(np.column_stack(columns), path), ()
 
 
 def _read_mf4(path: Path) -> Recording | None:
     """Return the recording in an MF4 file; None for a log of the bus."""
-    limits = Limits.of(path.stat().st_size, SMALL_SLOW_BYTES)
+    limits = Limits.of(path.stat().st_size)
     found = _in_child(path, "mf4", "columns", RECORD_COLUMNS, child.result_bytes(limits), limits=limits)
     return None if found is None else (_checked(np.column_stack(found[0]), path), found[1])
 

@@ -17,10 +17,11 @@ from tests.loader_cases import MF4, Loader, damaged, fault_apart, fault_of, load
 
 CASES, QUICK_CASES = 100_000, 2_500
 APART_CASES, QUICK_APART_CASES = 2_000, 100
-HOSTILE_SHARE = 0.1
-"""Fraction of the files of `tests.hostile_files` in those that have a process of their own."""
+SIZES, QUICK_SIZES = (1.0, 0.5, 0.1, 0.01), (0.1,)
+"""Sizes of hostile files; few, because making one may take longer than reading it. Each kind and size is read once."""
 Block = tuple[str, int, int]
-"""Loader or kind of hostile file, seed and number of its cases. A seed below zero: each in a process of its own."""
+"""Loader, seed and number of its cases; a seed below zero: each in a process of its own. Or kind of hostile file, number of its
+size in SIZES, and 1."""
 BLOCK_SIZE, APART_BLOCK_SIZE = 200, 10
 """Cases per seed."""
 SHOWS = "damaged and hostile files are read, or rejected in one line with the location, within 20 s and 2 GB"
@@ -34,17 +35,23 @@ def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
     together = {name: loader.weight for name, loader in found.items() if loader.reader != MF4}
     blocks = _blocks(QUICK_CASES if effort.quick else CASES, together)
     apart = QUICK_APART_CASES if effort.quick else APART_CASES
-    hostile = round(HOSTILE_SHARE * apart)
-    blocks += _apart_blocks(apart - hostile, [*found]) + _apart_blocks(hostile, [*HOSTILE])
+    hostile = [(kind, SIZES.index(size), 1) for size in (QUICK_SIZES if effort.quick else SIZES) for kind in HOSTILE]
+    blocks += _apart_blocks(apart - len(hostile), [*found]) + hostile
     waiting = [block for block in blocks if progress.done.get(_key(block)) is None]
     with ProcessPoolExecutor(os.cpu_count()) as pool:  # unlike a Pool, it reports a worker that crashes
         for block, faults in zip(waiting, pool.map(_block, waiting), strict=True):
             progress.keep(_key(block), faults)
     findings = [fault for block in blocks for fault in progress.done.get(_key(block))]
-    counts = [sum(count for _, seed, count in blocks if (seed < 0) is is_apart) for is_apart in (False, True)]
+    counts = [sum(count for name, seed, count in blocks if _is_apart(name, seed) is apart) for apart in (False, True)]
     verdict = Verdict.FAILED if findings else Verdict.PASSED
-    figure = f"{counts[0]:,} files for {len(found)} loaders; {counts[1]:,} in processes of their own, {hostile} of them hostile"
+    figure = (
+        f"{counts[0]:,} files for {len(found)} loaders; {counts[1]:,} in processes of their own, {len(hostile)} of them hostile"
+    )
     return Outcome(SHOWS, figure, verdict, tuple(findings))
+
+
+def _is_apart(name: str, seed: int) -> bool:
+    return name in HOSTILE or seed < 0
 
 
 def _blocks(total: int, weights: Mapping[str, float]) -> list[Block]:
@@ -78,6 +85,11 @@ def _key(block: Block) -> str:
 def _block(block: Block) -> list[str]:
     """Return the failures in one block of cases: loader, seed and case of each."""
     name, seed, count = block
+    if name in HOSTILE:
+        kind = HOSTILE[name]
+        with tempfile.TemporaryDirectory() as folder:
+            fault = fault_apart(_loaders()[kind.loader], kind.make(SIZES[seed]), Path(folder))
+        return [f"{name}, size {SIZES[seed]}: {fault}"] if fault else []
     generator = np.random.default_rng([abs(seed), sum(name.encode()), int(seed < 0)])
     findings = []
     with tempfile.TemporaryDirectory() as folder:
@@ -88,16 +100,9 @@ def _block(block: Block) -> list[str]:
 
 
 def _fault(name: str, is_apart: bool, generator: np.random.Generator, folder: Path) -> str:
-    if name in HOSTILE:
-        kind = HOSTILE[name]
-        return fault_apart(_loaders()[kind.loader], kind.make(SIZES[int(generator.integers(len(SIZES)))]), folder)
     loader = _loaders()[name]
     data = damaged(loader.seed, generator)
     if is_apart:
         return fault_apart(loader, data, folder)
     with readers_in_process():
         return fault_of(loader, data, folder)
-
-
-SIZES = (1.0, 0.5, 0.1, 0.01)
-"""Sizes of hostile files; few, because making one may take longer than reading it."""
