@@ -100,7 +100,7 @@ def _is_message(content: bytes) -> bool:
 
 
 def _add_message(content: bytes, start: float, into: Collector, path: Path) -> None:
-    """Take over a CAN message. python-can needs three times as long, and a log of 64 MiB has four million of them."""
+    """Take over a CAN message. With python-can the whole log takes 2.2 times as long."""
     unit, stamp, channel, flags, length, identifier, data = MESSAGE.unpack_from(content)
     time = stamp / (100_000 if unit == 1 else 1_000_000_000) + start
     is_remote = bool(flags & REMOTE)
