@@ -58,8 +58,8 @@ def call(module: str, function: str, *arguments: Any, limits: Limits | None = No
         ended = subprocess.run(
             PROGRAM, input=request, capture_output=True, timeout=WALL_FACTOR * limits.seconds, check=False, env=environment
         )
-    except subprocess.TimeoutExpired:
-        raise ChildError(too_long) from None
+    except subprocess.TimeoutExpired as error:
+        raise ChildError(f"reading it does not end within {error.timeout:g} s by the clock") from None
     except OSError as error:
         raise ChildError(f"it cannot be read in a process of its own: {error.strerror}") from None
     if ended.returncode == -signal.SIGXCPU:
