@@ -408,7 +408,7 @@ _REMEDIES: dict[DataIdMode, str] = {
     "nibble": "change one of them",
     "list": "give lists that differ at each counter",
 }
-"""What makes two data ids distinct."""
+"""Change that makes two data ids distinct."""
 
 
 class Can(Section):

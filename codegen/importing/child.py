@@ -14,10 +14,12 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 from typing import Any
 
 from codegen.errors import one_line
 from codegen.limits import Limits, limit_memory
+from codegen.requirements import missing
 
 PROGRAM = (sys.executable, "-P", "-m", __name__)
 """-P: neither the user's folder nor this one comes before the libraries."""
@@ -70,6 +72,23 @@ def call(module: str, function: str, *arguments: Any, limits: Limits | None = No
     if failure is not None:
         raise failure
     return result
+
+
+PACKAGES = {"mf4": "asammdf", "parquet": "pyarrow"}
+"""Module of `codegen.importing` -> the package that it needs."""
+
+
+def read(path: Path, module: str, function: str, *arguments: Any, limits: Limits) -> Any:
+    """Call a function of a module of PACKAGES for a file.
+
+    Raises:
+        CodegenError: the package is not installed.
+        Exception: see `call`.
+    """
+    try:
+        return call(f"codegen.importing.{module}", function, path, *arguments, limits=limits)
+    except ImportError:
+        raise missing(PACKAGES[module], f"reads {path.suffix.lower()}", path) from None
 
 
 def _bound_process(limits: Limits) -> None:

@@ -1,4 +1,4 @@
-"""What became of the rows of a measurement: counts by group of channels and by channel.
+"""Account of the rows of a measurement: counts by group of channels and by channel.
 
 The readers of all formats return these counts. A row has one stamp and one sample of each channel of its group; a table is one
 group. The number of rows comes from the file (its head, or its lines), the other counts from what was read.

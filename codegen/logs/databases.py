@@ -237,7 +237,7 @@ TOO_LONG = re.compile(r"frame id 0x\w+ is more than (?:11|29) bits")
 UNUSED = re.compile(r"(VAL_|SIG_VALTYPE_) (\d+) (\w+)")
 MESSAGE = re.compile(r"\s*BO_ (\d+) ")
 NO_MESSAGE = re.compile(r"\s*BO_ \d+ VECTOR__INDEPENDENT_SIG_MSG\s*:")
-"""What holds the signals of no message. cantools discards them without a warning."""
+"""Message that holds the signals of none. cantools discards them without a warning."""
 REFERENCE = re.compile(r"((?:BO_|SG_|VAL_|SIG_GROUP_|SIG_VALTYPE_|BO_TX_BU_|SG_MUL_VAL_)\s+)(\d+)(?=\s)")
 STANDARD_MAX, EXTENDED_MAX, EXTENDED = 0x7FF, 0x1FFF_FFFF, 0x8000_0000
 """Largest identifiers of 11 and 29 bits; mark of the latter in a DBC."""

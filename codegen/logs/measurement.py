@@ -25,7 +25,6 @@ from codegen.importing.source import TABLE_BYTES_MAX, ImportFault, read, text_of
 from codegen.limits import Limits
 from codegen.logs.frames import BYTES_MAX
 from codegen.logs.text import are_differences
-from codegen.requirements import missing
 
 if TYPE_CHECKING:
     from codegen.importing.mf4 import ChannelName
@@ -75,7 +74,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Account:
-    """What became of the rows of a measurement.
+    """Account of the rows of a measurement.
 
     Attributes:
         path: the file. form: name of its format. clock: meaning of its stamps.
@@ -313,18 +312,14 @@ def _mf4(path: Path) -> Measurement | None:
     return Measurement([Column(one.group, one.name, one.unit, one.place) for one in found], read_samples, read_all)
 
 
-READERS = {"mf4": ("MF4 file", "asammdf"), "parquet": ("Parquet file", "pyarrow")}
-"""Module of `codegen.importing` -> what it reads, and the package that it needs."""
+READERS = {"mf4": "MF4 file", "parquet": "Parquet file"}
+"""Module of `codegen.importing` -> the kind of file that it reads."""
 
 
 def _in_child(path: Path, module: str, function: str, *arguments: Any, limits: Limits) -> Any:
     """Call a function of a module of READERS. Raises CodegenError."""
-    what, package = READERS[module]
-    with damage(path, what):
-        try:
-            return child.call(f"codegen.importing.{module}", function, path, *arguments, limits=limits)
-        except ImportError:
-            raise missing(package, f"reads {path.suffix.lower()}", path) from None
+    with damage(path, READERS[module]):
+        return child.read(path, module, function, *arguments, limits=limits)
 
 
 @contextlib.contextmanager

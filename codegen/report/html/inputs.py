@@ -21,7 +21,6 @@ from codegen.logs.account import findings, open_bus_log
 from codegen.logs.databases import Identifiers
 from codegen.logs.reader import LOGS
 from codegen.report.bus_tables import FaultEntry, FaultFile
-from codegen.requirements import missing
 from codegen.sil.software import RECORD_COLUMNS
 from hil_sim.logs import load_csv
 
@@ -185,15 +184,12 @@ def _read_mf4(path: Path) -> Recording | None:
     return None if found is None else (_checked(np.column_stack(found[0]), path), found[1])
 
 
-PACKAGES = {"mf4": "asammdf", "parquet": "pyarrow"}
-
-
 def _in_child(path: Path, module: str, function: str, *arguments: Any, limits: Limits) -> Any:
     """Call a function of a module of `codegen.importing` in a process of its own. Raises CodegenError."""
     try:
-        return child.call(f"codegen.importing.{module}", function, path, *arguments, limits=limits)
-    except ImportError:
-        raise missing(PACKAGES[module], f"reads {path.suffix}", path) from None
+        return child.read(path, module, function, *arguments, limits=limits)
+    except CodegenError:
+        raise
     except Exception as error:  # libraries may raise anything for a damaged file
         raise _no_run(path, error) from None
 
