@@ -13,6 +13,7 @@ from asammdf import MDF
 
 from codegen.arrays import AnyArray, BoolArray, FloatArray
 from codegen.importing import library_warnings
+from codegen.importing.quantities import TIME_UNITS, time_unit_of
 from codegen.importing.rows import ARRAY, INVALID, NO_VALUE, TEXT, UNUSED, Count, Group, group_of
 
 FRAME_CHANNELS = ("CAN_DataFrame", "CAN_RemoteFrame", "CAN_ErrorFrame", "CAN_OverloadFrame")
@@ -105,6 +106,12 @@ def _no_time(mdf: MDF, number: int) -> str:
     return "" if kind in TIME else f"their stamps are {SYNC_NAMES.get(kind, 'of an unknown kind')}, not times"
 
 
+def _time_size(mdf: MDF, number: int) -> float:
+    """Return the size in s of the unit of a group's stamps. Files should have s; some tools write ms, and name it."""
+    unit = time_unit_of(_unit(mdf.groups[number].channels[mdf.masters_db[number]]))
+    return TIME_UNITS[unit or "s"]
+
+
 def samples(
     path: Path, places: Sequence[tuple[int, int]], bytes_max: int
 ) -> tuple[list[tuple[FloatArray, FloatArray]], list[Count], list[Group], list[str]]:
@@ -166,7 +173,9 @@ def _groups(mdf: MDF, wanted: set[int]) -> list[Group]:
         rows = int(group.channel_group.cycles_nr)
         reason = _no_time(mdf, number) or ("" if number in wanted else UNUSED)
         if not reason:
-            groups.append(group_of(_name(group), np.asarray(mdf.get_master(number), dtype=np.float64), rows))
+            groups.append(
+                group_of(_name(group), _time_size(mdf, number) * np.asarray(mdf.get_master(number), dtype=np.float64), rows)
+            )
         else:
             groups.append(Group(_name(group), rows, {reason: (rows, f"group {number}")} if rows else {}))
     return groups
@@ -201,7 +210,7 @@ def _samples(mdf: MDF, group: int, index: int) -> tuple[FloatArray, FloatArray, 
     Raises _NoNumbersError: it has none.
     """
     signal = mdf.get(group=group, index=index, ignore_invalidation_bits=True)
-    found, time = signal.samples, np.array(signal.timestamps, dtype=np.float64)
+    found, time = signal.samples, np.array(signal.timestamps, dtype=np.float64) * _time_size(mdf, group)
     if found.ndim != 1 or found.dtype.kind not in "biufSUO":
         raise _NoNumbersError(f"{signal.name} has no numbers", {ARRAY: len(found)} if len(found) else {})
     valid = _valid(signal)

@@ -70,6 +70,8 @@ def account(path: Path, of_time: str, bytes_max: int) -> tuple[FloatArray, list[
 
 
 def _numbers(column: pa.ChunkedArray) -> FloatArray:
+    if pa.types.is_time32(column.type):
+        column = column.cast(pa.time64("us"))  # there is no direct way
     wanted = _in_nanoseconds(column.type)
     if wanted is not None:
         column = column.cast(wanted).cast(pa.int64())
@@ -80,4 +82,6 @@ def _in_nanoseconds(kind: pa.DataType) -> pa.DataType | None:
     """Return the type of times in ns; None for other types."""
     if pa.types.is_timestamp(kind):
         return pa.timestamp("ns", tz=kind.tz)
+    if pa.types.is_time(kind):
+        return pa.time64("ns")
     return pa.duration("ns") if pa.types.is_duration(kind) else None

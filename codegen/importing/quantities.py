@@ -61,6 +61,16 @@ SPELLINGS = {
 }
 """Unit -> its spellings, in small letters; `unit_of` makes "deg" of "degrees" first."""
 
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
+"""Unit of a time -> its size in s."""
+_TIME_SPELLINGS = {"sec": "s", "second": "s", "seconds": "s", "µs": "us", "μs": "us", "hour": "h", "hours": "h"}
+"""Other spellings; the micro sign and the Greek letter."""
+_TIME_NAME = re.compile(r"(?:time|times|timestamp|timestamps|zeit|t)\Z", re.IGNORECASE)
+_TIME_UNIT = re.compile(
+    r"(?P<stem>.*?)\s*(?:[\[({]\s*(?P<bracketed>[^\])}]*?)\s*[\])}]|(?:[_\s.]+in)?[_\s.]+(?P<plain>[^_\s.]+))\Z", re.DOTALL
+)
+"""A name of a time with its unit: "Time [ms]", "time_ms", "t in s"."""
+
 UNIT_OF = {spelling: unit for unit, spellings in SPELLINGS.items() for spelling in spellings}
 KIND_OF = {unit: kind for kind, factors in FACTORS.items() for unit in factors}
 
@@ -113,6 +123,30 @@ def unit_of(text: str) -> str | None:
     """Return the unit of a spelling, or None."""
     flat = re.sub(r"\s+", "", text.lower()).replace("degrees", "deg").replace("degree", "deg").replace("·", "")
     return UNIT_OF.get(flat)
+
+
+def time_unit_of(text: str) -> str | None:
+    """Return the unit of TIME_UNITS of a spelling, or None."""
+    flat = text.strip().lower()
+    flat = _TIME_SPELLINGS.get(flat, flat)
+    return flat if flat in TIME_UNITS else None
+
+
+def split_time(text: str) -> tuple[str, str]:
+    """Return the name of a column of times without its unit, and the unit as it is written; "" without one.
+
+    What stands in brackets is a unit, known or not; what stands at the end of a name only if it is known.
+    """
+    text = text.strip()
+    match = _TIME_UNIT.fullmatch(text)
+    if match is None or (match["bracketed"] is None and time_unit_of(match["plain"]) is None):
+        return text, ""
+    return match["stem"], match["bracketed"] if match["plain"] is None else match["plain"]
+
+
+def is_time(text: str) -> bool:
+    """Return whether a name denotes times by itself, with a unit or without."""
+    return _TIME_NAME.fullmatch(split_time(text)[0]) is not None
 
 
 def take_apart(text: str) -> Name:

@@ -30,9 +30,6 @@ SAID_SEPARATOR = re.compile(r"\s*\"?sep=([\t;, ])\"?[\s;,]*", re.IGNORECASE)
 """First line that declares the separator to Excel."""
 UNITLESS = ("", "-", "1")
 """Cells of a line of units that mean no unit."""
-TIME_UNITS = ("s", "sec", "ms", "us", "ns")
-TIME_IN_NAME = re.compile(r"[\s_.\[({](?:s|sec|ms|us|ns)[\])}]?\Z")
-"""A name that ends with the unit of a time."""
 NAMES_WANTED = "give a first line such as: vx_km_h, delta_f_deg, yaw_rate_deg_s"
 NO_HEAD = "neither names for three columns nor a row of front angles"
 A_TITLE = "put # before a title"
@@ -177,24 +174,32 @@ def _with_units(words: list[str]) -> list[str]:
 def _head_with_units(rows: list[Line], where: object) -> tuple[Line, list[Line]]:
     """Return the head and the rest; a line of units under it ("km/h;deg;deg/s") goes into the names. Raises ImportFault."""
     head, units = rows[0], [cell.strip("[](){} ") for cell in rows[1].cells] if len(rows) > 1 else []
-    known = [quantities.unit_of(unit) or (unit if unit in TIME_UNITS else None) for unit in units]
+    known = [quantities.unit_of(unit) or quantities.time_unit_of(unit) for unit in units]
     if not any(known) or any(text not in UNITLESS and NUMBER.match(text.replace(",", ".", 1)) for text in units):
         return head, rows[1:]
     if not all(unit or text in UNITLESS or text.lower() not in MISSING for unit, text in zip(known, units, strict=True)):
         return head, rows[1:]
     if len(units) != len(head.cells):
         return head, rows[1:]  # reported with the number of cells
-    names = []
-    for name, unit in zip(head.cells, known, strict=True):
-        if unit in TIME_UNITS:
-            names.append(name if TIME_IN_NAME.search(name) else f"{name} [{unit}]")
-            continue
-        has = quantities.take_apart(name).unit
-        if unit and has not in (None, unit):
-            place = f"{where}, line {rows[1].number}"
-            raise ImportFault(f"{unit} under the name {name!r}", where=place, remedy="give one unit for each column")
-        names.append(f"{name} [{unit}]" if unit and has is None else name)
-    return Line(head.number, tuple(names)), rows[2:]
+    place = f"{where}, line {rows[1].number}"
+    names = tuple(_with_unit(name, unit, text, place) for name, unit, text in zip(head.cells, known, units, strict=True))
+    return Line(head.number, names), rows[2:]
+
+
+def _with_unit(name: str, unit: str | None, text: str, place: str) -> str:
+    """Return a name with the unit below it: `text`, which is `unit` if it is known. Raises ImportFault if it has another one."""
+    is_time = quantities.is_time(name)
+    if is_time and text not in UNITLESS:
+        unit = quantities.time_unit_of(text) or text  # one that is not known is reported with the column of the time
+    elif unit is None:
+        return name
+    has: str | None = quantities.take_apart(name).unit
+    if is_time or unit in quantities.TIME_UNITS:
+        has = quantities.split_time(name)[1] or None
+        has = (quantities.time_unit_of(has) or has) if has else None
+    if unit is not None and has not in (None, unit):
+        raise ImportFault(f"{unit} under the name {name!r}", where=place, remedy="give one unit for each column")
+    return f"{name} [{unit}]" if unit is not None and has is None else name
 
 
 def _refuse_title(lines: list[tuple[int, str]], where: object) -> None:

@@ -19,7 +19,7 @@ import numpy as np
 from codegen.arrays import FloatArray
 from codegen.errors import CodegenError, one_line
 from codegen.files import require_regular
-from codegen.importing import child, table
+from codegen.importing import child, quantities, table
 from codegen.importing.rows import MISSING, TEXT, UNUSED, Count, Group, group_of, without
 from codegen.importing.source import TABLE_BYTES_MAX, ImportFault, read, text_of
 from codegen.limits import Limits
@@ -32,11 +32,6 @@ if TYPE_CHECKING:
 TABLES = (".csv", ".tsv", ".txt", ".dat")
 MEASUREMENTS = (*TABLES, ".parquet", ".mf4")
 """Extensions of measurements. An MF4 may be the log of a bus as well."""
-TIME_NAMES = re.compile(
-    r"(time|t|times|timestamp|timestamps|zeit)(?:[\s_.]*[\[({]?\s*(s|sec|ms|us|ns)\s*[\])}]?)?\Z", re.IGNORECASE
-)
-"""Name of a column of times, with its unit or without."""
-TIME_UNITS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 UNIX_MIN_S = 1e8
 """Smallest first stamp of Unix time: 1973. No measurement takes three years."""
 NAMES_SHOWN = 3
@@ -175,28 +170,31 @@ def open_measurement(path: Path, time: str | None = None, time_unit: str | None 
 # --- tables --------------------------------------------------------------------------------------------------------------
 
 
-def _time_column(columns: Sequence[str], time: str | None, unit: str | None, path: Path) -> tuple[int, float]:
-    """Return the number of the column of times and the size of its unit in s.
-
-    Raises:
-        CodegenError: there is no such column, or a name is there twice.
-    """
+def _time_column(columns: Sequence[str], time: str | None, path: Path) -> int:
+    """Return the number of the column of times. Raises CodegenError: there is no such column, or a name is there twice."""
     twice = next((name for name, count in Counter(columns).items() if count > 1), None)
     if twice is not None:
         raise CodegenError(f"the column {twice!r} is there twice", where=path, remedy="give each column a name of its own")
     if time is not None:
         if time not in columns:
             raise CodegenError(f"no column {time!r}", where=path, remedy=f"`time` is one of {', '.join(columns)}")
-        index = columns.index(time)
-    else:
-        found = [index for index, column in enumerate(columns) if TIME_NAMES.fullmatch(column.strip())]
-        if len(found) != 1:
-            what = "no column is called time" if not found else f"{len(found)} columns of times"
-            remedy = f'name it in a file for --signals: time = "NAME"; there is {", ".join(columns)}'
-            raise CodegenError(what, where=path, remedy=remedy)
-        index = found[0]
-    match = TIME_NAMES.fullmatch(columns[index].strip())
-    return index, TIME_UNITS[unit or ((match and match[2]) or "s").lower()]
+        return columns.index(time)
+    found = [index for index, column in enumerate(columns) if quantities.is_time(column)]
+    if len(found) != 1:
+        what = "no column is called time" if not found else f"{len(found)} columns of times"
+        remedy = f'name it in a file for --signals: time = "NAME"; there is {", ".join(columns)}'
+        raise CodegenError(what, where=path, remedy=remedy)
+    return found[0]
+
+
+def _time_size(column: str, unit: str | None, path: Path) -> float:
+    """Return the size in s of the unit of a column of times: `unit`, else that in its name, else s. Raises CodegenError."""
+    text = unit or quantities.split_time(column)[1] or "s"
+    known = quantities.time_unit_of(text)
+    if known is None:
+        remedy = 'give s, ms, us or ns in a file for --signals, such as time_unit = "ms"'
+        raise CodegenError(f"{text!r} is no known unit of a time", where=f"{path}: {column}", remedy=remedy)
+    return quantities.TIME_UNITS[known]
 
 
 def _clock(time: FloatArray) -> str:
@@ -228,7 +226,8 @@ def _text_table(path: Path, time: str | None, time_unit: str | None) -> Measurem
             "the first line has no names", where=path, remedy="give a line such as time_s, vx_m_s, yaw_rate_rad_s"
         )
     names = list(cells.head.cells)
-    of_time, size = _time_column(names, time, time_unit, path)
+    of_time = _time_column(names, time, path)
+    size = _time_size(names[of_time], time_unit, path)
 
     def column(index: int) -> FloatArray:
         return np.array([cells.value(line, index, path) for line in cells.body], dtype=np.float64)
@@ -272,9 +271,8 @@ def _parquet(path: Path, time: str | None, time_unit: str | None) -> Measurement
     limits = Limits.of(path.stat().st_size)
     found, rows = _in_child(path, "parquet", "columns", limits=limits)
     names = [name for name, _ in found]
-    of_time, size = _time_column(names, time, time_unit, path)
-    if found[of_time][1] == "time":
-        size = 1e-9
+    of_time = _time_column(names, time, path)
+    size = 1e-9 if found[of_time][1] == "time" else _time_size(names[of_time], time_unit, path)
 
     def account(times: FloatArray, counts: Sequence[Count]) -> Account:
         return Account(path, "Parquet", _clock(times * size), [group_of("", times * size, rows)], counts)

@@ -4,6 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from codegen.importing import parquet
@@ -25,6 +27,18 @@ def test_times_become_nanoseconds(path: Path) -> None:
     np.testing.assert_array_equal(duration, [0.0, 1e7, 2e7, 3e7])
     np.testing.assert_array_equal(stamp, stamp[0] + duration)
     np.testing.assert_array_equal(vx, [1.0, 2.0, np.nan, 4.0])
+
+
+def test_times_of_the_day_become_nanoseconds(tmp_path: Path) -> None:
+    values = [0, 20, 40]
+    columns = {
+        "coarse": pa.array(values, pa.time32("ms")),
+        "fine": pa.array([1000 * value for value in values], pa.time64("us")),
+    }
+    pq.write_table(pa.table(columns), tmp_path / "drive.parquet")
+    assert parquet.columns(tmp_path / "drive.parquet")[0] == [("coarse", "time"), ("fine", "time")]
+    for found in parquet.read(tmp_path / "drive.parquet", ["coarse", "fine"], 1000):
+        np.testing.assert_array_equal(found, [0.0, 2e7, 4e7])
 
 
 def test_more_rows_than_the_limit_are_not_read(path: Path) -> None:

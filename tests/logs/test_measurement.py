@@ -1,6 +1,7 @@
 """The account of a measurement: every row is read or skipped with a reason, every sample is a number or has a reason."""
 
 import dataclasses
+import re
 from pathlib import Path
 
 import asammdf
@@ -161,6 +162,54 @@ def test_the_column_of_the_time_can_be_named(tmp_path: Path) -> None:
     with pytest.raises(CodegenError, match="no column is called time"):
         account(path)
     assert account(path, time="when", time_unit="ms").groups[0].duration_s == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize(
+    ("head", "options", "seconds"),
+    [
+        ("time;vx\nmin;m/s", {}, 60.0),
+        ("time;vx\nh;m/s", {}, 3600.0),
+        ("time;vx\nseconds;m/s", {}, 1.0),
+        ("Time;vx\n(µs);m/s", {}, 1e-6),
+        ("Time [μs];vx", {}, 1e-6),
+        ("time_ms;vx", {}, 1e-3),
+        ("t in ms;vx", {}, 1e-3),
+        ("clock [min];vx", {"time": "clock [min]"}, 60.0),
+        ("clock_ms;vx", {"time": "clock_ms"}, 1e-3),
+        ("clock [ticks];vx", {"time": "clock [ticks]", "time_unit": "us"}, 1e-6),
+        ("the_clock;vx", {"time": "the_clock"}, 1.0),
+    ],
+)
+def test_the_unit_of_the_time(tmp_path: Path, head: str, options: dict[str, str], seconds: float) -> None:
+    found = account(write(tmp_path, f"{head}\n0;20\n1;21\n2;22\n"), **options)
+    assert found.groups[0].duration_s == pytest.approx(2.0 * seconds)
+
+
+@pytest.mark.parametrize(
+    ("head", "options", "words"),
+    [
+        ("time [s];vx\nms;m/s", {}, "line 2: ms under the name 'time [s]'"),
+        ("time;vx\nticks;m/s", {}, "'ticks' is no known unit of a time"),
+        ("time [cycles];vx", {}, "'cycles' is no known unit of a time"),
+        ("clock [days];vx", {"time": "clock [days]"}, "'days' is no known unit of a time"),
+    ],
+)
+def test_an_unclear_unit_of_the_time_is_refused(tmp_path: Path, head: str, options: dict[str, str], words: str) -> None:
+    with pytest.raises(CodegenError, match=re.escape(words)):
+        account(write(tmp_path, f"{head}\n0;20\n1;21\n2;22\n"), **options)
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_stamps_of_an_mf4_in_milliseconds(tmp_path: Path) -> None:
+    with asammdf.MDF(version="4.10") as mdf:
+        mdf.append([asammdf.Signal(np.arange(3.0), np.array([0.0, 20.0, 40.0]), name="vx", unit="m/s")])
+        mdf.groups[0].channels[0].unit = "ms"
+        mdf.save(tmp_path / "drive.mf4")
+    assert account(tmp_path / "drive.mf4").groups[0].duration_s == pytest.approx(0.04)
+    measurement = open_measurement(tmp_path / "drive.mf4")
+    assert measurement is not None
+    (samples,), _ = measurement.read([measurement.columns[0].place])
+    assert samples.time == pytest.approx([0.0, 0.02, 0.04])
 
 
 def test_another_format_is_named_as_such(tmp_path: Path) -> None:
