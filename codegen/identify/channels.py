@@ -11,8 +11,9 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -39,6 +40,7 @@ NOT_AVAILABLE = re.compile(
 """Name of a raw value that means that there is no physical value."""
 
 
+CAUSES_SHOWN = 2
 BITS_MAX = 64
 """Length of the longest number in a frame."""
 
@@ -77,12 +79,14 @@ class Log:
         read: returns the samples of channels at these places, and the account of the file. Raises CodegenError.
         remarks: kind, text and number of lost frames of what is not plain in the log as a whole.
         conflicts: a text for each identifier that several messages have.
+        causes: texts about frames and lines of databases that were not read; a signal may be missing because of them.
     """
 
     channels: Sequence[Channel]
     read: Callable[[Sequence[Any]], tuple[list[Samples], BusLog | Account]]
     remarks: Sequence[tuple[str, str, int]] = ()
     conflicts: Sequence[str] = ()
+    causes: Sequence[str] = ()
 
 
 def open_log(path: Path, databases: Databases, names: Names) -> Log:
@@ -108,7 +112,18 @@ def _measurement(found: Measurement) -> Log:
         Channel(one.path, take_apart(one.name.partition("\\")[0]), one.unit, one.place)
         for one in found.columns
     ]
-    return Log(channels, found.read)
+    return Log(_distinct(channels), found.read)
+
+
+def _distinct(channels: Sequence[Channel]) -> list[Channel]:
+    """Return the channels with numbers behind the paths that several of them have, so that names.toml can choose one."""
+    counts, numbers = Counter(channel.path for channel in channels), Counter[str]()
+    found = []
+    for channel in channels:
+        numbers[channel.path] += 1
+        path = channel.path if counts[channel.path] == 1 else f"{channel.path}#{numbers[channel.path]}"
+        found.append(replace(channel, path=path))
+    return found
 
 
 # --- logs of a bus -------------------------------------------------------------------------------------------------------
@@ -122,9 +137,10 @@ def _bus_log(path: Path, databases: Databases, channel: str | None) -> Log:
     keys = [*found.keys, *found.conflicts]
     if not keys:
         named = ", ".join(each.name for each in databases.paths)
-        what = f"none of its {len(log.frames)} frames is in {named}" if len(log.frames) else "it has no frame"
-        what += f" ({log.findings[0]})" if log.file.skipped else ""
-        raise CodegenError(what, where=path, remedy="give the database of this bus with --dbc")
+        what = f"none of its {len(log.frames)} frames is in {named}" if len(log.frames) else "it has no frame that is read"
+        what += f" ({'; '.join(log.findings[:CAUSES_SHOWN])})" if log.findings else ""
+        remedy = "give the database of this bus with --dbc" if len(log.frames) else "give a log with frames"
+        raise CodegenError(what, where=path, remedy=remedy)
     parts = {(key, index): _Message(defined, log, key) for key in keys for index, defined in enumerate(databases.messages[key])}
     with damage(path, "log with this database"):
         channels = [channel for key, one in parts.items() for channel in one.channels(key)]
@@ -136,7 +152,7 @@ def _bus_log(path: Path, databases: Databases, channel: str | None) -> Log:
     remarks = [(CLOCK, *found.clock)] if found.clock[0] else []
     remarks += [(REMARK, text, 0) for text in (*log.findings, *log.message_findings)]
     conflicts = [databases.conflicts[key] for key in keys if key in databases.conflicts]
-    return Log(channels, read_signals, remarks, conflicts)
+    return Log(_distinct(channels), read_signals, remarks, conflicts, log.findings)
 
 
 @dataclass(frozen=True)

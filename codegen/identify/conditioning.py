@@ -84,7 +84,10 @@ def condition(
     time, raw, text = _in_order(samples)
     report(CLOCK, text, samples.time.size - time.size)
     if time.size < 2:
-        raise CodegenError(f"{time.size} samples for {quantity.key}", where=place, remedy="name another signal, or log longer")
+        what = f"{time.size} samples for {quantity.key}"
+        for reason in (samples.remark, text):
+            what += f" ({reason})" if reason else ""
+        raise CodegenError(what, where=place, remedy="name another signal, or log longer")
     period = float(np.median(np.diff(time)))
     if not PERIOD_MIN_S <= period <= PERIOD_MAX_S:
         raise CodegenError(

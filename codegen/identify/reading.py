@@ -11,7 +11,7 @@ import numpy as np
 
 from codegen.arrays import FloatArray
 from codegen.errors import CodegenError, suggestion
-from codegen.identify.channels import Channel, Log, open_log
+from codegen.identify.channels import CAUSES_SHOWN, Channel, Log, open_log
 from codegen.identify.conditioning import Conditioned, condition
 from codegen.identify.cross_checks import cross_check, without_frozen, without_saturated
 from codegen.identify.drive import Drive
@@ -167,7 +167,13 @@ def _read(
         (key for key, source in sources.items() if source.share == 0.0 and any(key in group for group in REQUIRED)), None
     )
     if empty is not None:
-        raise CodegenError(f"{empty} has no usable value", where=f"{path}: {sources[empty].channel}", remedy="check the log")
+        reasons = "; ".join(finding.text for finding in findings if finding.quantity == empty)
+        what = f"{empty} has no usable value" + (f" ({reasons})" if reasons else "")
+        raise CodegenError(
+            what,
+            where=f"{path}: {sources[empty].channel}",
+            remedy="check the log; sampling_time_s of names.toml sets the time between samples",
+        )
     return drive, sources, merged(findings), account
 
 
@@ -282,6 +288,8 @@ def _not_clear(group: Sequence[str], unclear: Mapping[str, Sequence[Channel]], l
     candidates.sort(key=lambda channel: channel.known_unit not in quantity.units)  # those with a fitting unit first
     several = key in unclear
     what = f"several signals may be {key}" if several else f"no signal is called {' or '.join(group)} or the like"
+    if not several and log.causes:
+        what += f" ({'; '.join(log.causes[:CAUSES_SHOWN])})"
     shown = candidates or list(log.channels)
     names = ", ".join(
         f"{channel.path} [{channel.unit}]" if channel.unit else channel.path for channel in shown[:CANDIDATES_SHOWN]

@@ -187,7 +187,7 @@ def _head_with_units(rows: list[Line], where: object) -> tuple[Line, list[Line]]
 
 
 def _with_unit(name: str, unit: str | None, text: str, place: str) -> str:
-    """Return a name with the unit below it: `text`, which is `unit` if it is known. Raises ImportFault if it has another one."""
+    """Return a name with the unit below it: `text`, or `unit` if that is known. Raises ImportFault if it has another one."""
     is_time = quantities.is_time(name)
     if is_time and text not in UNITLESS:
         unit = quantities.time_unit_of(text) or text  # one that is not known is reported with the column of the time

@@ -19,6 +19,7 @@ from codegen.logs.frames import FileAccount, Frames, Kind
 from codegen.logs.measurement import open_measurement
 from codegen.logs.reader import LOGS, read_frames
 from codegen.logs.senders import FATES, Allotment, Fate, allot
+from codegen.logs.text import NOT_LOGGED
 
 DIRECTIONS = ("received", "sent")
 
@@ -48,11 +49,25 @@ class BusLog:
             f"{count} of {self.file.in_file} frames are not read: {reason} (first: {place})"
             for reason, (count, place) in self.file.skipped.items()
         ]
+        if dropped := self.file.others.get(NOT_LOGGED):
+            lines.append(f"the logger dropped {dropped} frames")
         if self.file.clock not in PLAIN_CLOCKS:
             lines.append(f"its stamps are the {self.file.clock}; they are added up")
         lines += [f"python-can or asammdf warns: {text}" for text in self.file.warnings]
         present = {key for key in map(self._key, *self._identifiers) if key}
         lines += [text for key, text in self.databases.conflicts.items() if key in present]
+        for is_extended in (False, True):
+            others = [
+                identifier
+                for identifier, one in zip(*self._identifiers, strict=True)
+                if one == is_extended
+                and self._key(identifier, one) is None
+                and self._key(identifier, not one) not in {None, *present}
+            ]
+            if others:
+                bits = "29 bits in the log and 11" if is_extended else "11 bits in the log and 29"
+                shown = f"the identifier 0x{others[0]:X} has" if len(others) == 1 else f"{len(others)} identifiers have"
+                lines.append(f"{shown} {bits} in the databases" + (f" (first: 0x{others[0]:X})" if len(others) > 1 else ""))
         return [*lines, *self.databases.findings]
 
     @property

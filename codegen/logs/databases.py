@@ -5,9 +5,11 @@ A statement of a DBC that breaks the rules is left out with its reason, for it m
 
 from __future__ import annotations
 
+import codecs
+import contextlib
 import re
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -221,7 +223,24 @@ def load_database(path: Path) -> Loaded:
     for reason, count in Counter(line.reason for line in left_out).items():
         first = next(line for line in left_out if line.reason == reason)
         findings.append(f"{count} {'line is' if count == 1 else 'lines are'} left out: {reason} (first: {first})")
+    for message in found.messages:
+        _lengthen(message)
     return Loaded(path, found, (*findings, *warnings), left_out)
+
+
+def _lengthen(message: Message) -> None:
+    """Make a message as long as its signals. Else cantools decodes none of them, also in longer frames."""
+    if message.is_container:
+        return
+    ends = [
+        (signal.start if signal.byte_order == "little_endian" else 8 * (signal.start // 8) + 7 - signal.start % 8)
+        + signal.length
+        for signal in message.signals
+    ]
+    needed = -(-max(ends, default=0) // 8)
+    if needed > message.length:
+        message.length = needed
+        message.refresh(strict=False)
 
 
 def _reason(error: Exception) -> str:
@@ -239,6 +258,16 @@ MESSAGE = re.compile(r"\s*BO_ (\d+) ")
 NO_MESSAGE = re.compile(r"\s*BO_ \d+ VECTOR__INDEPENDENT_SIG_MSG\s*:")
 """Message that holds the signals of none. cantools discards them without a warning."""
 REFERENCE = re.compile(r"((?:BO_|SG_|VAL_|SIG_GROUP_|SIG_VALTYPE_|BO_TX_BU_|SG_MUL_VAL_)\s+)(\d+)(?=\s)")
+SIGNAL = re.compile(
+    r"\s*SG_ (?P<name>\w+)\s*(?P<multiplexed>m\d+M?|M)?\s*:\s*\d+\|(?P<length>\d+)@\S+\s*"
+    r"\(\s*(?P<factor>[^,\s]+)\s*,[^,)]*\)",
+    re.ASCII,
+)
+FLOAT = re.compile(r"\s*SIG_VALTYPE_ (\d+) (\w+)\s*:?\s*([12])\s*;", re.ASCII)
+FLOAT_BITS = {"1": 32, "2": 64}
+"""Type of a float in a DBC -> its length. cantools decodes other lengths as floats of 16 bits."""
+STATEMENT = re.compile(r"\s*(?:(?:BA_\w*|VAL_|VAL_TABLE_|SIG_\w+|SG_MUL_VAL_|EV_|ENVVAR_DATA_|BO_TX_BU_)\s.*;\s*\Z|SG_ )")
+"""A statement of one line without which a DBC can be read."""
 STANDARD_MAX, EXTENDED_MAX, EXTENDED = 0x7FF, 0x1FFF_FFFF, 0x8000_0000
 """Largest identifiers of 11 and 29 bits; mark of the latter in a DBC."""
 
@@ -247,36 +276,97 @@ def _load_dbc(path: Path, findings: list[str]) -> tuple[Database, list[LeftOut]]
     """Read a DBC without the statements that cantools refuses, and return those. Raises what cantools raises."""
     from cantools import database
 
-    data = read_file(path, DATABASE_BYTES_MAX, "give a DBC")
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = data.decode("cp1252", "replace")
-    lines = text.splitlines()
+    lines = _text(read_file(path, DATABASE_BYTES_MAX, "give a DBC")).splitlines()
     first: Exception | None = None
     left_out: dict[int, LeftOut] = {}
 
     def leave_out(number: int, reason: str) -> None:
         left_out[number] = LeftOut(number, one_line(lines[number - 1].strip(), 60), reason)
 
+        lines[number - 1] = ""
+
+    def load(tried: Sequence[str]) -> Database:
+        return database.load_string("\n".join(tried) + "\n", "dbc", strict=False)  # type: ignore[return-value]
+
+    for number, reason in list(_unusable(lines)):
+        leave_out(number, reason)
     for attempt in range(ATTEMPTS_MAX):
         try:
-            found = database.load_string("\n".join(lines) + "\n", "dbc", strict=False)
+            found = load(lines)
         except Exception as error:
             first = first or error
             if _mark_extended(str(error), lines, findings):
                 continue
             bad = {number: reason for number, reason in _refused(str(error), lines) if number not in left_out}
+            bad = bad or dict(_first_rejected(lines, load))
             if not bad or len(left_out) + len(bad) > LEFT_OUT_MAX or attempt == ATTEMPTS_MAX - 1:
                 raise first from None
             for number, reason in bad.items():
                 leave_out(number, reason)
-                lines[number - 1] = ""
         else:
-            for number in _of_no_message(lines):
+            for number in list(_of_no_message(lines)):
                 leave_out(number, "a signal of no message")
-            return found, [left_out[number] for number in sorted(left_out)]  # type: ignore[return-value]
+            return found, [left_out[number] for number in sorted(left_out)]
     raise AssertionError("the last attempt raises")
+
+
+def _text(data: bytes) -> str:
+    """Return the text of a DBC: UTF-8, UTF-16 with its mark, else Windows-1252."""
+    if data[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+        return data.decode("utf-16", "replace")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("cp1252", "replace")
+
+
+def _unusable(lines: Sequence[str]) -> Iterator[tuple[int, str]]:
+    """Yield the number and the reason of each signal whose values would be wrong without an error of cantools."""
+    lengths: defaultdict[tuple[str, str], list[tuple[int, int]]] = defaultdict(list)
+    names: defaultdict[tuple[int, str, str], list[int]] = defaultdict(list)
+    identifier, of_message = "", 0
+    for number, line in enumerate(lines, start=1):
+        if head := MESSAGE.match(line):
+            identifier, of_message = head[1], number
+        elif match := SIGNAL.match(line):
+            lengths[identifier, match["name"]].append((number, int(match["length"])))
+            names[of_message, match["name"], match["multiplexed"] or ""].append(number)
+            with contextlib.suppress(ValueError):
+                if float(match["factor"]) == 0.0:
+                    yield number, "its factor is 0"
+        elif match := FLOAT.match(line):
+            for of_signal, length in lengths[match[1], match[2]]:
+                if length != FLOAT_BITS[match[3]]:
+                    yield of_signal, f"it is a float of {length} bits"
+    for numbers in names.values():
+        if len(numbers) > 1:
+            yield from ((number, "another signal of its message has its name") for number in numbers)
+
+
+def _first_rejected(lines: Sequence[str], load: Callable[[Sequence[str]], object]) -> Iterator[tuple[int, str]]:
+    """Yield the number and the reason of the first statement of one line with which `load` fails; none if it fails without."""
+    numbers = [number for number, line in enumerate(lines, start=1) if STATEMENT.match(line)]
+
+    def error_of(count: int) -> Exception | None:
+        """Return the error of the lines with only the first statements."""
+        left_out = set(numbers[count:])
+        try:
+            load(["" if number in left_out else line for number, line in enumerate(lines, start=1)])
+        except Exception as error:
+            return error
+        return None
+
+    if error_of(0) is not None:
+        return
+    good, bad = 0, len(numbers)
+    while bad - good > 1:
+        middle = (good + bad) // 2
+        good, bad = (good, middle) if error_of(middle) else (middle, bad)
+    error = error_of(bad)
+    if error is not None:
+        is_attribute = lines[numbers[bad - 1] - 1].lstrip().startswith("BA_")
+        reason = "its attribute or its value is not defined" if is_attribute else f"cantools rejects it ({_reason(error)})"
+        yield numbers[bad - 1], reason
 
 
 def _of_no_message(lines: Sequence[str]) -> Iterator[int]:

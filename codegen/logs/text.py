@@ -6,6 +6,7 @@ returns. Stamps are computed here: python-can takes relative ones for absolute o
 
 from __future__ import annotations
 
+import codecs
 import re
 from array import array
 from collections.abc import Iterator
@@ -18,6 +19,8 @@ from codegen.arrays import FloatArray
 from codegen.errors import CodegenError, one_line
 from codegen.logs.frames import REMEDY, Collector
 
+EXTENDED_MAX = 0x1FFF_FFFF
+"""Largest identifier."""
 LINE_BYTES_MAX = 2**20
 COPY_AGAIN = "copy it again, or end that line if it is whole"
 DELTA_FRAMES_MIN = 10
@@ -78,6 +81,8 @@ class Lines:
             self.number += 1
             if len(line) > LINE_BYTES_MAX:
                 raise CodegenError("not a log of a CAN bus: a line is over 1 MiB", where=self.path, remedy="give another log")
+            if self.number == 1 and line[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+                raise CodegenError("it is in UTF-16", where=self.path, remedy="save it as UTF-8")
             if b"\0" in line:
                 raise CodegenError("it has zero bytes, as a text log has not", where=self.place(), remedy=REMEDY)
             if not line.endswith(b"\n") and re.search(rb"\d", line):  # "End TriggerBlock" contains no frame
@@ -90,40 +95,43 @@ class Lines:
 
 # --- ASC -----------------------------------------------------------------------------------------------------------------
 
-ASC_STAMP = re.compile(r"\s*([-+]?\d[\w.+-]*|[-+]?(?:nan|inf)\w*)\s+(.*)", re.ASCII | re.IGNORECASE | re.DOTALL)
+ASC_STAMP = re.compile(r"\s*([-+]?\d[\w.,+-]*|[-+]?(?:nan|inf)\w*)\s+(.*)", re.ASCII | re.IGNORECASE | re.DOTALL)
 ASC_TIME = re.compile(r"-?\d+\.\d+", re.ASCII)
 ASC_FRAME = re.compile(
     r"(?:(?P<channel>\d+)\s+(?:(?P<id>\S+)\s+(?P<direction>Rx|TxRq|Tx)\b|ErrorFrame\b)|CANFD\s+(?P<fd>\d+)\s)",
     re.ASCII | re.IGNORECASE,
 )
 ASC_ID = re.compile(r"[0-9a-f]+x?", re.ASCII | re.IGNORECASE)
-ASC_HEADER = re.compile(r"\s*(?:date\s|base\s|//|(?:no\s+)?internal\s+events\s+logged)", re.IGNORECASE)
-ASC_RELATIVE = re.compile(r"\s*base\s+\w+\s+timestamps\s+relative", re.IGNORECASE)
+ASC_BASE = re.compile(r"\s*base\s+(hex|dec)(?:\s+timestamps\s+(absolute|relative))?", re.IGNORECASE)
+ASC_PLAIN = re.compile(r"\s*(?:\Z|date\s|//|(?:no\s+)?internal\s+events\s+logged|(?:begin|end)\s+triggerblock)", re.IGNORECASE)
+"""A line without an event that is plain."""
+NO_EVENT = "line that is no event"
 OTHER_WORDS = re.compile(r"(?:\d+\s+|CAN\s+\d+\s+)?([A-Za-z]\w*)")
 
 
 class AscLines(Lines):
-    """Lines of an ASC."""
+    """Lines of an ASC. python-can gets the base of its numbers, and its frames."""
 
     is_relative = False
+    first_strange = ""
+    _base = ""
 
     def _lines(self) -> Iterator[str]:
         now, in_header = 0.0, True
         for text in self._texts():
-            if in_header and not ASC_HEADER.match(text):
-                in_header = False
-                yield "\n"  # python-can's header ends with a line that it drops, even one with a frame
-            if ASC_RELATIVE.match(text):
-                self.is_relative = True
-            stamp = None if in_header else ASC_STAMP.match(text)
+            base = ASC_BASE.match(text)
+            if base:
+                self._take_base(base, in_header)
+                continue
+            stamp = None if ASC_PLAIN.match(text) else ASC_STAMP.match(text)
             if stamp is None:
-                yield text
+                self._strange(text)
                 continue
             word, rest = stamp.groups()
             frame = ASC_FRAME.match(rest)
             if not ASC_TIME.fullmatch(word):
                 if frame is None:
-                    yield text  # a comment that begins with a number
+                    self._strange(text)  # a comment that begins with a number
                     continue
                 what = f"a frame has an invalid time, {one_line(word, 40)}"
                 raise CodegenError(what, where=self.place(), remedy=REMEDY)
@@ -135,11 +143,29 @@ class AscLines(Lines):
             if (frame["direction"] or "").lower() == "txrq":
                 self.into.others["transmit request"] += 1
                 continue
+            if in_header:
+                in_header = False
+                yield f"base {self._base or 'hex'}  timestamps absolute\n"
+                yield "\n"  # python-can's header ends with a line that it drops, even one with a frame
             self.frame(now, frame["channel"] or frame["fd"])
             if frame["id"] and not ASC_ID.fullmatch(frame["id"]):
                 self.settle("its identifier is a name; log numbers")
                 continue
             yield text.replace(word, word.lstrip("-"), 1)
+
+    def _take_base(self, base: re.Match[str], in_header: bool) -> None:
+        """Take over the base of the numbers and the kind of the stamps. Raises CodegenError if the base changes."""
+        found = base[1].lower()
+        if found != self._base and not in_header:
+            what = f"the base of its numbers becomes {found} behind its first frame"
+            raise CodegenError(what, where=self.place(), remedy="give the logs that it was made of, one by one")
+        self._base = found
+        self.is_relative = self.is_relative or (base[2] or "").lower() == "relative"
+
+    def _strange(self, text: str) -> None:
+        if not ASC_PLAIN.match(text):
+            self.first_strange = self.first_strange or f"line {self.number}: {one_line(text, 60)}"
+            self.into.others[NO_EVENT] += 1
 
 
 def read_asc(path: Path) -> tuple[Collector, str]:
@@ -150,6 +176,9 @@ def read_asc(path: Path) -> tuple[Collector, str]:
     with path.open("rb") as file:
         lines = AscLines(file, path, into)
         _take(lines, ASCReader(lines))  # type: ignore[arg-type]
+    if not into.in_file and set(into.others) == {NO_EVENT}:
+        what = f"not an ASC: no line is an event (first: {lines.first_strange})"
+        raise CodegenError(what, where=path, remedy="give a log of CANoe, CANalyzer or `codegen hil --log`")
     return into, "time from the event before" if lines.is_relative else "time from the start of the log"
 
 
@@ -158,6 +187,8 @@ def _take(lines: Lines, reader: object) -> None:
     try:
         for message in reader:  # type: ignore[attr-defined]
             lines.is_frame = False
+            # candump marks error frames with bit 29. python-can recognises those of a bus error only.
+            message.is_error_frame = message.is_error_frame or message.arbitration_id > EXTENDED_MAX
             if not (message.is_remote_frame or message.is_error_frame) and len(message.data) < min(message.dlc, 8):
                 lines.into.skip("fewer bytes than its length", f"line {lines.number}")
                 continue
@@ -172,15 +203,24 @@ def _take(lines: Lines, reader: object) -> None:
 
 # --- candump -------------------------------------------------------------------------------------------------------------
 
-LOG_LINE = re.compile(r"\s*\((?P<time>[^)]*)\)\s+(?P<channel>\S+)\s+[0-9A-Fa-f]+#\S*(?:\s+[RT])?\s*", re.ASCII)
+LOG_LINE = re.compile(r"\s*\((?P<time>[^)]*)\)\s+(?P<channel>\S+)\s+[0-9A-Fa-f]+#(?P<data>\S*)(?:\s+[RT])?\s*", re.ASCII)
+XL_DATA = re.compile(r"[0-9A-Fa-f]{2}:[0-9A-Fa-f]{2}:[0-9A-Fa-f]{8}#\S*", re.ASCII)
+RAW_LENGTH = re.compile(r"(#[0-9A-Fa-f]{16})_[0-9A-Fa-f]\b", re.ASCII)
+"""Length of 9 to 15 that a classic frame of 8 bytes was sent with (`-8`)."""
 VIEW_LINE = re.compile(
     r"\s*(?:\((?P<time>[^)]*)\)\s+)?(?P<channel>[A-Za-z]\S*)\s+(?:(?P<direction>RX|TX)(?:\s+\S){0,2}\s+)?(?P<id>[0-9A-Fa-f]{3,8})\s+"
-    r"\[(?P<length>\d+)\]\s*(?P<data>.*?)\s*",
+    r"(?:\[(?P<length>\d+)\]|\{(?P<raw_length>[0-9A-Fa-f])\})\s*(?P<data>.*?)\s*",
     re.ASCII | re.DOTALL,
 )
 BYTES = re.compile(r"((?:[0-9A-Fa-f]{2}(?:\s|$))*)", re.ASCII)
 DATE = re.compile(r"(\d{4})-(\d\d)-(\d\d) (\d\d):(\d\d):(\d\d\.\d+)", re.ASCII)
 NUMBER = re.compile(r"-?\d+(?:\.\d*)?", re.ASCII)
+
+
+COLOURS = re.compile(r"\x1b\[[\d;]*m")
+DROPPED = re.compile(r"DROPCOUNT: dropped (\d+) CAN frames?\b", re.ASCII)
+NOT_LOGGED = "frame that the logger dropped"
+SWAPPED, BINARY = re.compile(r"[0-9A-Fa-f]{2}`"), re.compile(r"[01]{8}(?:\s|\Z)")
 
 
 class CandumpLines(Lines):
@@ -189,9 +229,15 @@ class CandumpLines(Lines):
     form = "candump"
 
     def _lines(self) -> Iterator[str]:
+        of_error = False
         for text in self._texts():
-            if not text.strip():
+            text = COLOURS.sub("", text)
+            if dropped := DROPPED.match(text.strip()):
+                self.into.others[NOT_LOGGED] += int(dropped[1])
                 continue
+            if not text.strip() or (of_error and text.startswith("\t")):
+                continue  # below an error frame are its causes
+            of_error = text.rstrip().endswith("ERRORFRAME")
             log = LOG_LINE.fullmatch(text)
             view = None if log else VIEW_LINE.fullmatch(text)
             line = log or view
@@ -201,19 +247,26 @@ class CandumpLines(Lines):
             if line["time"] is None:
                 raise CodegenError("its frames have no times", where=self.place(), remedy="log with candump -l, or -t a")
             self.frame(_seconds(line["time"], self.place()), line["channel"])
-            yield text if view is None else self._as_log(view)
+            if log and XL_DATA.fullmatch(log["data"]):
+                self.settle("a frame of CAN XL")
+                continue
+            yield RAW_LENGTH.sub(r"\1", text) if view is None else self._as_log(view)
 
     def _as_log(self, view: re.Match[str]) -> str:
         """Return a line of the view as one of a log. In the view, a length of two digits belongs to CAN FD."""
         self.form = "candump, view"
         data = view["data"]
+        length = min(int(view["raw_length"], 16), 8) if view["raw_length"] else int(view["length"])
+        for pattern, what, option in ((SWAPPED, "swapped", "-S"), (BINARY, "binary digits", "-i")):
+            if pattern.match(data):
+                raise CodegenError(f"its bytes are {what}", where=self.place(), remedy=f"log without {option} of candump")
         if data.startswith("remote request"):
-            content = f"#R{int(view['length'])}"
+            content = f"#R{length}"
         else:
             found = BYTES.match(data)
-            words = found[1].split()[: int(view["length"])] if found else []
-            content = ("##0" if len(view["length"]) == 2 else "#") + "".join(words)
-            if len(words) < int(view["length"]):
+            words = found[1].split()[:length] if found else []
+            content = ("##0" if len(view["length"] or "") == 2 else "#") + "".join(words)
+            if len(words) < length:
                 raise CodegenError("a frame has fewer bytes than its length", where=self.place(), remedy=REMEDY)
         return f"(0.0) {self.channel} {view['id']}{content} {(view['direction'] or 'R')[0]}\n"
 

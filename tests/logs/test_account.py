@@ -101,6 +101,16 @@ def test_two_buses_with_one_identifier_need_a_choice(tmp_path: Path) -> None:
         open_bus_log(tmp_path / "drive.log", KNOWN, "can2")
 
 
+@pytest.mark.parametrize("is_extended", [False, True])
+def test_an_identifier_of_the_other_length_is_a_finding(is_extended: bool, tmp_path: Path) -> None:
+    path = write(tmp_path / "drive.blf", [message(0.01 * k, k, is_extended_id=is_extended) for k in range(20)])
+    log = open_bus_log(path, Identifiers({(0x100, not is_extended): "Motion"}))
+    bits = "29 bits in the log and 11" if is_extended else "11 bits in the log and 29"
+    assert findings(log) == [f"the identifier 0x100 has {bits} in the databases"]
+    both = Identifiers({(0x100, not is_extended): "Motion", (0x100, is_extended): "Other"})
+    assert findings(open_bus_log(path, both)) == []
+
+
 # --- clocks --------------------------------------------------------------------------------------------------------------
 
 ASC_HEAD = "date Sat Jan 1 00:00:00.000 2000\nbase hex  timestamps {clock}\ninternal events logged\n"
@@ -129,6 +139,61 @@ def test_a_frame_before_the_start_of_the_measurement_is_read(tmp_path: Path) -> 
     frames, account = read_frames(asc(tmp_path / "drive.asc", ["-0.010000 1 100 Rx d 1 00", "0.010000 1 100 Rx d 1 01"]))
     assert frames.time.tolist() == [-0.01, 0.01]
     assert account.in_file == account.read == 2
+
+
+@pytest.mark.parametrize("head", ["date Sam janv. 1 00:00:00.000 2000\n", "a log of a bench\n", "\n", ""])
+def test_the_base_of_an_asc_counts_whatever_stands_above_it(head: str, tmp_path: Path) -> None:
+    path = tmp_path / "drive.asc"
+    trigger = "Begin Triggerblock Sam janv. 1 00:00:00.000 2000\n"
+    path.write_text(f"{head}Base DEC  timestamps absolute\n{trigger}0.5 1 256 Rx d 2 10 16\n", encoding="ascii")
+    frames, account = read_frames(path)
+    assert (frames.identifier.tolist(), frames.data) == ([256], [b"\x0a\x10"])
+    assert account.others == ({"line that is no event": 1} if head.startswith("a") else {})
+
+
+def test_two_logs_of_different_bases_in_one_are_refused(tmp_path: Path) -> None:
+    path = asc(tmp_path / "drive.asc", ["0.5 1 100 Rx d 1 10", "base dec  timestamps absolute", "0.6 1 100 Rx d 1 10"])
+    with pytest.raises(CodegenError, match="line 5: the base of its numbers becomes dec"):
+        read_frames(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("drive.asc", "0,500 1 100 Rx d 1 10\n", "line 1: a frame has an invalid time, 0,500"),
+        ("drive.asc", ";$FILEVERSION=1.1\n 1) 0.5 Rx 0100 1 10\n", r"no line is an event \(first: line 1: ;\$FILEVERSION"),
+        ("drive.asc", "\ufeff0.5 1 100 Rx d 1 10\n".encode("utf-16-le"), "it is in UTF-16"),
+        ("drive.log", " (0.5)  can0  100   [2]  11`22\n", "its bytes are swapped; log without -S"),
+        ("drive.log", " (0.5)  can0  100   [1]  00010001\n", "its bytes are binary digits; log without -i"),
+    ],
+)
+def test_what_is_wrong_with_a_text_log_is_named(name: str, text: str | bytes, words: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(text.encode() if isinstance(text, str) else text)
+    with pytest.raises(CodegenError, match=words):
+        read_frames(tmp_path / name)
+
+
+def test_options_of_candump(tmp_path: Path) -> None:
+    """Causes below an error frame, lost frames, colours, lengths of 9 to 15, and a frame of CAN XL."""
+    path = tmp_path / "drive.log"
+    lines = [
+        " (0.5)  can0  20000004   [8]  00 04 00 00 00 00 00 00   ERRORFRAME",
+        "\tcontroller-problem{rx-overflow}",
+        " \x1b[31m(0.6)\x1b[0m  can0  100   [2]  11 22",
+        " (0.7)  can0  100   {E}  11 22 33 44 55 66 77 88",
+        "DROPCOUNT: dropped 3 CAN frames on 'can0' socket (total drops 3)",
+        "(0.8) can0 100#1122334455667788_E",
+        "(0.9) can0 123#81:00:12345678#11223344.556677",
+    ]
+    path.write_text("".join(f"{line}\n" for line in lines), encoding="ascii")
+    log = open_bus_log(path, KNOWN)
+    whole = bytes.fromhex("1122334455667788")
+    assert [data for data, kind in zip(log.frames.data, log.frames.kind, strict=True) if kind == 0] == [whole[:2], whole, whole]
+    assert (log.file.in_file, log.file.read, log.file.others) == (5, 4, {"frame that the logger dropped": 3})
+    assert findings(log) == [
+        "1 of 5 frames are not read: a frame of CAN XL (first: line 7)",
+        "the logger dropped 3 frames",
+    ]
 
 
 @pytest.mark.parametrize("view", [False, True])

@@ -24,7 +24,7 @@ def write(folder: Path, text: str, encoding: str = "utf-8") -> Path:
     return path
 
 
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252"])
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252", "utf-16"])
 def test_units_survive_every_encoding(encoding: str, tmp_path: Path) -> None:
     found = load_database(write(tmp_path, DBC, encoding))
     assert found.database.get_message_by_name("Motion").signals[0].unit == "°/s"
@@ -41,6 +41,9 @@ def test_units_survive_every_encoding(encoding: str, tmp_path: Path) -> None:
         ("SIG_VALTYPE_ 256 Nothing : 1;", "there is no such signal"),
         ('BO_ 1073741824 A: 8 A\n SG_ B : 0|8@1+ (1,0) [0|0] "" A', "the identifier of its message has more than 29 bits"),
         ('BO_ 3221225473 A: 8 A\n SG_ B : 0|8@1+ (1,0) [0|0] "" A', "the identifier of its message has more than 29 bits"),
+        ('BA_ "Undefined" BO_ 256 20;', "its attribute or its value is not defined"),
+        ('BA_REL_ "Undefined" BU_SG_REL_ A SG_ 256 YawRate 3;', "its attribute or its value is not defined"),
+        ('VAL_ 256 YawRate 1.5 "x" ;', "cantools rejects it (invalid literal for int() with base 10: '1.5')"),
     ],
 )
 def test_a_line_that_breaks_the_rules_is_left_out_with_its_reason(line: str, reason: str, tmp_path: Path) -> None:
@@ -52,6 +55,52 @@ def test_a_line_that_breaks_the_rules_is_left_out_with_its_reason(line: str, rea
     ]
     count = "1 line is" if len(texts) == 1 else f"{len(texts)} lines are"
     assert found.findings[0] == f"{count} left out: {reason} (first: line 9: {texts[0].strip()})"
+
+
+ATTRIBUTE = """BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","ExtendedCAN";
+BA_DEF_DEF_ "VFrameFormat" "StandardCAN";
+BA_ "VFrameFormat" BO_ 257 {};
+BA_ "VFrameFormat" BO_ 256 {};
+"""
+
+
+def test_values_that_an_attribute_cannot_have_are_left_out(tmp_path: Path) -> None:
+    found = load_database(write(tmp_path, DBC + ATTRIBUTE.format(1, 14)))
+    assert [each.number for each in found.left_out] == [12]
+    found = load_database(write(tmp_path, DBC + ATTRIBUTE.format('"J1939PG"', 14)))
+    assert [each.number for each in found.left_out] == [11, 12]
+    assert len(found.database.messages) == 2
+
+
+@pytest.mark.parametrize(
+    ("lines", "reasons"),
+    [
+        ([' SG_ Speed : 0|16@1+ (0,0) [0|0] "km/h" A'], {1: "its factor is 0"}),
+        ([' SG_ Speed : 0|16@1+ (0,01,0) [0|0] "km/h" A'], {1: "it breaks the grammar of a DBC"}),
+        (
+            [' SG_ Speed : 0|16@1+ (1,0) [0|0] "km/h" A', ' SG_ Speed : 0|16@1+ (2,0) [0|0] "km/h" A'],
+            dict.fromkeys((1, 2), "another signal of its message has its name"),
+        ),
+        (
+            [' SG_ Speed : 0|16@1+ (1,0) [0|0] "km/h" A', "SIG_VALTYPE_ 300 Speed : 1;"],
+            {1: "it is a float of 16 bits", 2: "there is no such signal"},
+        ),
+        ([' SG_ M M : 32|8@1+ (1,0) [0|0] "" A', *(f' SG_ S m{key} : 0|8@1+ (1,0) [0|0] "" A' for key in (0, 1))], {}),
+        ([' SG_ Speed : 0|32@1- (1,0) [0|0] "km/h" A', "SIG_VALTYPE_ 300 Speed : 1;"], {}),
+    ],
+)
+def test_signals_whose_values_would_be_wrong_are_left_out(lines: list[str], reasons: dict[int, str], tmp_path: Path) -> None:
+    text = "\n".join([DBC + "BO_ 300 Bad: 8 A", *lines, ""])
+    found = load_database(write(tmp_path, text))
+    assert {each.number - 9: each.reason for each in found.left_out} == reasons
+
+
+@pytest.mark.parametrize("place", ["60|16@1+", "63|16@0+"])
+def test_a_signal_beyond_its_message_does_not_hide_the_others(place: str, tmp_path: Path) -> None:
+    text = DBC.replace(" SG_ YawRate", f' SG_ Far : {place} (1,0) [0|0] "" A\n SG_ YawRate')
+    message = load_database(write(tmp_path, text)).database.get_message_by_name("Motion")
+    assert message.decode(bytes([0, 0, 100, 0, 0, 0, 0, 0]), allow_truncated=True) == {"YawRate": 0.5}
+    assert message.decode(bytes([0, 0, 100, *[0] * 7]), allow_truncated=True) == {"YawRate": 0.5, "Far": 0}
 
 
 def test_signals_of_no_message_are_left_out_with_a_finding(tmp_path: Path) -> None:
