@@ -19,8 +19,6 @@ from codegen.arrays import FloatArray
 from codegen.errors import CodegenError, one_line
 from codegen.logs.frames import REMEDY, Collector
 
-EXTENDED_MAX = 0x1FFF_FFFF
-"""Largest identifier."""
 LINE_BYTES_MAX = 2**20
 COPY_AGAIN = "copy it again, or end that line if it is whole"
 DELTA_FRAMES_MIN = 10
@@ -39,11 +37,12 @@ class Lines:
         time: stamp of its frame, s.
         channel: channel of its frame as the file has it.
         is_frame: whether it has a frame that python-can has not returned yet.
+        is_error: whether its frame is an error frame by its identifier.
     """
 
     def __init__(self, file: BinaryIO, path: Path, into: Collector) -> None:
         self.path, self.into = path, into
-        self.number, self.time, self.channel, self.is_frame = 0, 0.0, "", False
+        self.number, self.time, self.channel, self.is_frame, self.is_error = 0, 0.0, "", False, False
         self._file = file
         self._given = self._lines()
 
@@ -187,8 +186,7 @@ def _take(lines: Lines, reader: object) -> None:
     try:
         for message in reader:  # type: ignore[attr-defined]
             lines.is_frame = False
-            # candump marks error frames with bit 29. python-can recognises those of a bus error only.
-            message.is_error_frame = message.is_error_frame or message.arbitration_id > EXTENDED_MAX
+            message.is_error_frame = message.is_error_frame or lines.is_error
             if not (message.is_remote_frame or message.is_error_frame) and len(message.data) < min(message.dlc, 8):
                 lines.into.skip("fewer bytes than its length", f"line {lines.number}")
                 continue
@@ -203,7 +201,11 @@ def _take(lines: Lines, reader: object) -> None:
 
 # --- candump -------------------------------------------------------------------------------------------------------------
 
-LOG_LINE = re.compile(r"\s*\((?P<time>[^)]*)\)\s+(?P<channel>\S+)\s+[0-9A-Fa-f]+#(?P<data>\S*)(?:\s+[RT])?\s*", re.ASCII)
+LOG_LINE = re.compile(
+    r"\s*\((?P<time>[^)]*)\)\s+(?P<channel>\S+)\s+(?P<id>[0-9A-Fa-f]+)#(?P<data>\S*)(?:\s+[RT])?\s*", re.ASCII
+)
+ERROR_FLAG = 0x2000_0000
+"""Mark of an error frame in its identifier. Without the bit of a bus error, python-can takes it for a data frame."""
 XL_DATA = re.compile(r"[0-9A-Fa-f]{2}:[0-9A-Fa-f]{2}:[0-9A-Fa-f]{8}#\S*", re.ASCII)
 RAW_LENGTH = re.compile(r"(#[0-9A-Fa-f]{16})_[0-9A-Fa-f]\b", re.ASCII)
 """Length of 9 to 15 that a classic frame of 8 bytes was sent with (`-8`)."""
@@ -247,6 +249,7 @@ class CandumpLines(Lines):
             if line["time"] is None:
                 raise CodegenError("its frames have no times", where=self.place(), remedy="log with candump -l, or -t a")
             self.frame(_seconds(line["time"], self.place()), line["channel"])
+            self.is_error = bool(int(line["id"], 16) & ERROR_FLAG)
             if log and XL_DATA.fullmatch(log["data"]):
                 self.settle("a frame of CAN XL")
                 continue
