@@ -17,6 +17,7 @@ import click
 
 from codegen.cli.base import json_option
 from codegen.files import read_text
+from codegen.logs.formats import ENDINGS
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
@@ -232,8 +233,7 @@ picture_to_write = FileType((".png",), to_write=True)
 csv_to_write = FileType((".csv",), to_write=True)
 run_to_write = FileType((".mf4", ".parquet", ".mat", ".csv"), to_write=True)
 report_to_write = FileType((".html",), to_write=True)
-DRIVE_ENDINGS = (".mf4", ".blf", ".asc", ".log", ".csv", ".tsv", ".txt", ".dat", ".parquet")
-drive_log = FileType(DRIVE_ENDINGS)
+drive_log = FileType(ENDINGS)
 log_to_write = FileType((".blf", ".asc", ".log", ".mf4"), to_write=True)
 
 

@@ -25,9 +25,9 @@ from codegen.errors import CodegenError
 from codegen.identify.findings import CLOCK, REMARK
 from codegen.identify.names import Names
 from codegen.importing.quantities import Name, take_apart, unit_of
-from codegen.logs.account import ENDINGS, KINDS, BusLog, open_bus_log
+from codegen.logs.account import BusLog, open_bus_log, open_rows
 from codegen.logs.databases import BusKey, Databases, Defined
-from codegen.logs.measurement import MEASUREMENTS, Account, Measurement, Samples, damage, open_measurement
+from codegen.logs.measurement import Account, Measurement, Samples, damage
 
 if TYPE_CHECKING:
     from cantools.database.can import Message, Signal
@@ -89,7 +89,7 @@ class Log:
     causes: Sequence[str] = ()
 
 
-def open_log(path: Path, databases: Databases, names: Names) -> Log:
+def read_channels(path: Path, databases: Databases, names: Names) -> Log:
     """Return the channels of a log.
 
     Args:
@@ -99,10 +99,7 @@ def open_log(path: Path, databases: Databases, names: Names) -> Log:
     Raises:
         CodegenError: the log or a database cannot be read, or a database is missing.
     """
-    kind = path.suffix.lower()
-    if kind not in ENDINGS:
-        raise CodegenError("not the log of a drive", where=path, remedy=KINDS)
-    found = open_measurement(path, names.time, names.time_unit) if kind in MEASUREMENTS else None
+    found = open_rows(path, names.time, names.time_unit)
     return _bus_log(path, databases, names.channel) if found is None else _measurement(found)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from codegen.arrays import FloatArray
 from codegen.errors import CodegenError, suggestion
-from codegen.identify.channels import CAUSES_SHOWN, Channel, Log, open_log
+from codegen.identify.channels import CAUSES_SHOWN, Channel, Log, read_channels
 from codegen.identify.conditioning import Conditioned, condition
 from codegen.identify.cross_checks import cross_check, without_frozen, without_saturated
 from codegen.identify.drive import Drive
@@ -95,7 +95,7 @@ def read_drives(logs: Sequence[Path], databases: Sequence[Path] = (), names: Nam
     drives, sources, findings, accounts = [], [], [], []
     missing: list[_MissingSignalError] = []
     for path, name in zip(logs, _drive_names(logs), strict=True):
-        log = open_log(path, of_bus, settings)
+        log = read_channels(path, of_bus, settings)
         drive, of_drive, found, account = _read(log, path, name, settings, missing)
         accounts.append(account)
         drives.append(drive)

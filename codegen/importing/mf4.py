@@ -72,8 +72,15 @@ class ChannelName:
 
 
 def channels(path: Path) -> list[ChannelName] | None:
-    """Return all channels that have times, but for these; None for the log of a bus. Raises whatever asammdf raises."""
+    """Return all channels that have times, but for these; None for the log of a bus.
+
+    Raises:
+        ValueError: a file of another version.
+        Exception: whatever asammdf raises for a damaged file.
+    """
     with MDF(path) as mdf:
+        if not str(mdf.version).startswith("4"):
+            raise ValueError(f"an MDF of version {mdf.version}; only version 4 is read")
         if is_bus_log(mdf):
             return None
         return [

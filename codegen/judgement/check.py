@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -194,7 +195,7 @@ def _check_build(path: Path, drive: bool, progress: Progress | None) -> Found:
         inputs = manifest["inputs"]
         notes.append(
             "the facts about its map are not in the build; see "
-            f"`codegen check {inputs['map']['file']} --config {inputs['configuration']['source']}`"
+            f"`codegen check {shlex.quote(inputs['map']['file'])} --config {shlex.quote(inputs['configuration']['source'])}`"
         )
     return replace(found, kind="build", notes=tuple(notes), warnings=(*found.warnings, *folder_warnings(path)))
 

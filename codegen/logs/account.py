@@ -15,9 +15,10 @@ from codegen.errors import CodegenError
 from codegen.importing.rows import RESOLUTION_S
 from codegen.logs import measurement
 from codegen.logs.databases import Databases, Directory
+from codegen.logs.formats import ENDINGS, KINDS, MEASUREMENTS
 from codegen.logs.frames import FileAccount, Frames, Kind
 from codegen.logs.measurement import open_measurement
-from codegen.logs.reader import LOGS, read_frames
+from codegen.logs.reader import read_frames
 from codegen.logs.senders import FATES, Allotment, Fate, allot
 from codegen.logs.text import NOT_LOGGED
 
@@ -118,9 +119,11 @@ def open_bus_log(path: Path, databases: Directory, channel: str | None = None) -
     return BusLog(path, frames, account, allot(frames, databases, channel, path), databases)
 
 
-ENDINGS = tuple(dict.fromkeys((*LOGS, *measurement.MEASUREMENTS)))
-"""Extensions of logs."""
-KINDS = "give .mf4, .blf, .asc, .log (candump), .csv or .parquet"
+def open_rows(path: Path, time: str | None = None, time_unit: str | None = None) -> measurement.Measurement | None:
+    """Return a measurement, None for the log of a bus; see `open_measurement`. Raises CodegenError, also for another format."""
+    if path.suffix.lower() not in ENDINGS:
+        raise CodegenError("not a log", where=path, remedy=KINDS)
+    return open_measurement(path, time, time_unit) if path.suffix.lower() in MEASUREMENTS else None
 
 
 def open_log(
@@ -130,14 +133,12 @@ def open_log(
 
     Args:
         databases, channel: for the log of a bus, see `open_bus_log`.
-        time, time_unit: for a table, see `open_measurement`.
+        time, time_unit: for a table, see `open_rows`.
 
     Raises:
         CodegenError: the log or a database cannot be read, or the log has no such channel, or no bus.
     """
-    if path.suffix.lower() not in ENDINGS:
-        raise CodegenError("not a log", where=path, remedy=KINDS)
-    found = open_measurement(path, time, time_unit) if path.suffix.lower() in measurement.MEASUREMENTS else None
+    found = open_rows(path, time, time_unit)
     if found is None:
         return open_bus_log(path, databases, channel)
     if databases.paths or channel is not None:

@@ -63,7 +63,7 @@ def read(path: Path) -> tuple[Collector, str]:
         CodegenError: damaged, or cut short.
         Exception: whatever python-can raises for a damaged object.
     """
-    from can import BLFReader
+    from can import BLFReader, Message
 
     into = Collector("BLF")
     with path.open("rb") as file:
@@ -79,8 +79,10 @@ def read(path: Path) -> tuple[Collector, str]:
         for objects in _batches(file, path, into):
             are_messages = [_is_message(each) for each in objects]
             others = [each for each, is_message in zip(objects, are_messages, strict=True) if not is_message]
-            with BLFReader(io.BytesIO(head + _container(b"".join(others)))) as reader:
-                messages = list(reader)
+            messages: list[Message] = []
+            if others:
+                with BLFReader(io.BytesIO(head + _container(b"".join(others)))) as reader:
+                    messages = list(reader)
             if len(messages) != len(others):
                 what = f"damaged: {len(messages)} of {len(others)} frames can be read"
                 raise CodegenError(what, where=f"{path}, before frame {into.in_file}", remedy=REMEDY)

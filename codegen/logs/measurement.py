@@ -23,15 +23,13 @@ from codegen.importing import child, quantities, table
 from codegen.importing.rows import MISSING, TEXT, UNUSED, Count, Group, group_of, without
 from codegen.importing.source import TABLE_BYTES_MAX, ImportFault, read, text_of
 from codegen.limits import Limits
+from codegen.logs.formats import TABLES
 from codegen.logs.frames import BYTES_MAX
 from codegen.logs.text import are_differences
 
 if TYPE_CHECKING:
     from codegen.importing.mf4 import ChannelName
 
-TABLES = (".csv", ".tsv", ".txt", ".dat")
-MEASUREMENTS = (*TABLES, ".parquet", ".mf4")
-"""Extensions of measurements. An MF4 may be the log of a bus as well."""
 UNIX_MIN_S = 1e8
 """Smallest first stamp of Unix time: 1973. No measurement takes three years."""
 NAMES_SHOWN = 3
@@ -154,7 +152,7 @@ def open_measurement(path: Path, time: str | None = None, time_unit: str | None 
     """Return the channels of a measurement; None for the MF4 log of a bus.
 
     Args:
-        path: one of MEASUREMENTS.
+        path: its extension is one of MEASUREMENTS.
         time, time_unit: column of the time in a table, and its unit; by default by its name.
 
     Raises:

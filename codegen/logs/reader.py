@@ -8,6 +8,7 @@ from codegen.errors import CodegenError, one_line
 from codegen.files import reason_of, require_regular
 from codegen.importing import child, library_warnings
 from codegen.limits import SMALL_BYTES, SMALL_SLOW_BYTES, Limits
+from codegen.logs.formats import LOGS
 from codegen.logs.frames import BYTES_MAX, REMEDY, Collector, FileAccount, Frames
 from codegen.requirements import pip_install
 
@@ -61,5 +62,3 @@ def _candump(path: Path) -> tuple[Collector, str]:
 
 
 READERS = {".blf": _blf, ".asc": _asc, ".log": _candump}
-LOGS = (*READERS, ".mf4")
-"""Extensions of the formats."""

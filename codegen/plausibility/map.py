@@ -26,6 +26,9 @@ SLIP_USE_MAX_PERCENT = 101.0
 YAW_RATE_FALL = 0.05
 """Warn when the yaw rate of a square map falls by more than this fraction up to the largest front angle. Solved maps fall by
 less than 0.01; transposed, by 0.09 to 0.3."""
+BEND_MAX = 0.2
+"""Warn when the yaw rate of a square map bends by more than this from the first front angle to the second: the logarithm of its
+ratio to a yaw rate in proportion to the angle, median of all speeds. Solved maps of 10 x 10 points reach 0.12."""
 GAIN_RATIO = (0.25, 4.0)
 """Plausible range of a map's yaw rates over those of the passive linear car, median of all cells. Solved maps have 0.9 to 1.1;
 over a steering-wheel angle they have less than 0.1."""
@@ -79,6 +82,12 @@ def axis_warnings(reference_map: ReferenceMap, config: Config) -> Iterator[str]:
             f"{TRANSPOSE}"
         )
         return
+    if rates.shape[0] == rates.shape[1] and _bend(rates, reference_map) > BEND_MAX >= 2.0 * _bend(rates.T, reference_map):
+        yield (
+            "the yaw rate is not in proportion to small front angles, but would be if rows and columns were exchanged; "
+            f"{TRANSPOSE}"
+        )
+        return
     moving, steered = reference_map.speed > 0.0, reference_map.front_angle > 0.0
     passive = SingleTrack.from_config(config).yaw_gain(reference_map.speed[moving])[:, np.newaxis]
     gain = rates[np.ix_(moving, steered)] / (passive * reference_map.front_angle[steered])
@@ -95,6 +104,18 @@ def _fall_with_angle(yaw_rate: FloatArray) -> float:
     peaks = np.fmax.reduce(yaw_rate, axis=1)
     known = np.isfinite(yaw_rate[:, -1]) & (peaks > 0.0)
     return float(np.median(1.0 - yaw_rate[known, -1] / peaks[known])) if known.any() else 0.0
+
+
+def _bend(yaw_rate: FloatArray, reference_map: ReferenceMap) -> float:
+    """Return how far the yaw rate (speeds, angles) is from proportion to the first two angles above zero. See BEND_MAX."""
+    angles, positive = reference_map.front_angle, np.flatnonzero(reference_map.front_angle > 0.0)
+    if positive.size < 2:
+        return 0.0
+    first, second = positive[:2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        bends = np.abs(np.log(yaw_rate[:, second] / yaw_rate[:, first] / (angles[second] / angles[first])))
+    known = np.isfinite(bends)
+    return float(np.median(bends[known])) if known.any() else 0.0
 
 
 def rear_angle_warnings(reference_map: ReferenceMap, config: Config) -> Iterator[str]:

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from functools import reduce
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import bincopy
 import numpy as np
@@ -360,6 +361,48 @@ def test_a_value_in_a_block_that_is_not_supported_is_refused(tmp_path: Path) -> 
     (tmp_path / "set.cdfx").write_text(f"<MSRSW><CATEGORY>CDF20</CATEGORY>{value}</MSRSW>", encoding="ascii")
     with pytest.raises(CodegenError, match=f"{SLOW}: is of category VAL_BLK; export it as one of VALUE"):
         read_set(tmp_path / "set.cdfx", loaded().layout)
+
+
+def test_the_categories_that_are_written_are_those_of_the_objects() -> None:
+    """DEPENDENT_VALUE, which is read, would make a value read-only in a calibration tool."""
+    root = ElementTree.fromstring(READERS[".cdfx"].write(loaded().values, loaded().layout, "a title"))
+    found = {each.findtext("SHORT-NAME"): each.findtext("CATEGORY") for each in root.iter("SW-INSTANCE")}
+    categories = {"VALUE": "VALUE", "AXIS": "COM_AXIS", "CURVE": "CURVE", "MAP": "MAP"}
+    assert found == {name: categories[each.kind] for name, each in loaded().layout.objects.items()}
+
+
+def instance(name: str, category: str, inside: str) -> str:
+    return f"<SW-INSTANCE><SHORT-NAME>{name}</SHORT-NAME><CATEGORY>{category}</CATEGORY>{inside}</SW-INSTANCE>"
+
+
+@pytest.mark.parametrize("depth", [1, 2])
+def test_members_of_structures_are_read(depth: int, tmp_path: Path) -> None:
+    *outer, name = SLOW.split(".", depth)
+    inside = instance(name, "VALUE", "<SW-VALUE-CONT><SW-VALUES-PHYS><V>2</V></SW-VALUES-PHYS></SW-VALUE-CONT>")
+    for each in reversed(outer):
+        inside = instance(each, "STRUCTURE", inside)
+    (tmp_path / "set.cdfx").write_text(f"<MSRSW><CATEGORY>CDF20</CATEGORY>{inside}</MSRSW>", encoding="ascii")
+    assert read_set(tmp_path / "set.cdfx", loaded().layout) == {SLOW: np.float32(2.0)}
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ("<SW-VALUES-CODED><V>2</V></SW-VALUES-CODED>", "has no physical values"),
+        ("<SW-VALUES-PHYS><VH>0x10</VH></SW-VALUES-PHYS>", "'0x10' is not a number"),
+    ],
+)
+def test_values_in_other_forms_are_refused(values: str, words: str, tmp_path: Path) -> None:
+    inside = instance(SLOW, "VALUE", f"<SW-VALUE-CONT>{values}</SW-VALUE-CONT>")
+    (tmp_path / "set.cdfx").write_text(f"<MSRSW><CATEGORY>CDF20</CATEGORY>{inside}</MSRSW>", encoding="ascii")
+    with pytest.raises(CodegenError, match=words):
+        read_set(tmp_path / "set.cdfx", loaded().layout)
+
+
+def test_a_name_in_other_letters_is_not_skipped(tmp_path: Path) -> None:
+    (tmp_path / "set.dcm").write_text(f"KONSERVIERUNG_FORMAT 2.0\nFESTWERT {SLOW.upper()}\n  WERT 1\nEND\n", encoding="ascii")
+    with pytest.raises(CodegenError, match=f"{SLOW.upper()}: the build .* does not have it"):
+        read_set(tmp_path / "set.dcm", loaded().layout)
 
 
 # --- conversion ---------------------------------------------------------------------------------------------------------

@@ -7,12 +7,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from codegen.cli.options import DRIVE_ENDINGS
 from codegen.identify.channels import NOT_AVAILABLE
 from codegen.identify.drive import Drive
 from codegen.identify.names import Names
 from codegen.identify.reading import read_drives
-from codegen.logs.account import ENDINGS
 from hil_sim.codec import Frame
 from hil_sim.logs import BusLog
 from tests.cli.conftest import TRACKING as BUILD
@@ -119,10 +117,6 @@ def test_several_drives_with_names_of_their_own(tmp_path: Path) -> None:
     reading = read_drives([first, second], [tmp_path / "two" / "car.dbc"])
     assert [drive.name for drive in reading.drives] == ["one.mf4", "one.blf"]
     assert reading.drives[0].signals.keys() == reading.drives[1].signals.keys()
-
-
-def test_the_command_knows_every_format() -> None:
-    assert sorted(DRIVE_ENDINGS) == sorted(ENDINGS)
 
 
 @pytest.mark.parametrize(

@@ -86,7 +86,7 @@ def test_what_cannot_be_read_is_rejected_in_one_line(refused: Refused, tmp_path:
         (("clockless.csv",), 'no column is called time; name it in a file for --signals: time = "NAME"; there is vx_m_s'),
         (("short.csv",), "1 samples for vx"),
         (("words.parquet",), "words.parquet: not a readable Parquet file"),
-        (("drive.txt.gz",), "not the log of a drive; give .mf4"),
+        (("drive.txt.gz",), "not a log; give .mf4"),
         (("missing.csv",), "missing.csv: cannot be read"),
     ):
         assert message in refused("identify", "--check", "--log", *arguments)

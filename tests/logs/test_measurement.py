@@ -212,6 +212,15 @@ def test_stamps_of_an_mf4_in_milliseconds(tmp_path: Path) -> None:
     assert samples.time == pytest.approx([0.0, 0.02, 0.04])
 
 
+@pytest.mark.usefixtures("in_this_process")
+def test_an_older_mdf_is_named_as_such(tmp_path: Path) -> None:
+    with asammdf.MDF(version="3.30") as mdf:
+        mdf.append([asammdf.Signal(np.arange(3.0), np.arange(3.0), name="vx", unit="m/s")])
+        written = mdf.save(tmp_path / "drive.mdf")
+    with pytest.raises(CodegenError, match=r"an MDF of version 3\.30; only version 4 is read"):
+        account(Path(written).rename(tmp_path / "drive.mf4"))
+
+
 def test_another_format_is_named_as_such(tmp_path: Path) -> None:
     (tmp_path / "drive.trc").write_text(";$FILEVERSION=1.1\n", encoding="ascii")
     with pytest.raises(

@@ -226,6 +226,19 @@ def test_axes_are_checked_where_the_acceleration_is_plausible() -> None:
     assert not list(axis_warnings(own, own.config))
 
 
+def test_a_square_map_that_is_transposed_is_named_by_its_bend() -> None:
+    """In the wrong order its yaw rate falls only a little with the angle, but rises by 43 % where the angle doubles."""
+    own = npz.load(GENERATED / "4ws2-paper.npz")
+    assert own.config is not None
+    speed, angle = np.arange(20.0, 111.0, 10.0) / 3.6, np.radians(np.arange(0.5, 5.1, 0.5))
+    rates = speed[:, np.newaxis] * angle / (3.0 + 0.004 * speed[:, np.newaxis] ** 2)
+    cells = {"feasible": np.ones(rates.shape, dtype=bool), "rear_angle": None, "active": None, "sideslip": None}
+    square = replace(own, speed=speed, front_angle=angle, yaw_rate=rates, **cells)
+    assert not list(axis_warnings(square, own.config))
+    (text,) = axis_warnings(replace(square, yaw_rate=rates.T), own.config)
+    assert "not in proportion" in text and "transpose yaw_rate" in text
+
+
 def test_committed_files_and_a_modified_build(tmp_path: Path) -> None:
     found = check_path(GENERATED / "4ws2.npz")
     stored = of_map(npz.load(GENERATED / "4ws2.npz"), npz.load(GENERATED / "4ws2.npz").config)

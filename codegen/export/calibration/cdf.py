@@ -14,7 +14,7 @@ from xml.parsers import expat
 
 from codegen import __version__
 from codegen.errors import CodegenError
-from codegen.export.calibration.labels import READ_REMEDY, Label, number_text
+from codegen.export.calibration.labels import READ_REMEDY, Label, begins_with, number_text
 from codegen.export.calibration.layout import CalibrationObject, Kind, Layout, Numbers, Values
 from codegen.importing.xml_head import refuse_declarations
 
@@ -27,7 +27,8 @@ _KINDS: dict[str, Kind] = {
     "CURVE": "CURVE",
     "MAP": "MAP",
 }
-_CATEGORIES = {kind: category for category, kind in _KINDS.items()}
+_CATEGORIES: dict[Kind, str] = {"VALUE": "VALUE", "AXIS": "COM_AXIS", "CURVE": "CURVE", "MAP": "MAP"}
+"""Categories that are written."""
 _DOCTYPE = (
     '<!DOCTYPE MSRSW PUBLIC "-//ASAM//DTD CALIBRATION DATA FORMAT:V2.0.0:LAI:IAI:XML:CDF200.XSD//EN" "cdf_v2.0.0.sl.dtd">\n'
 )
@@ -39,14 +40,27 @@ def read(content: bytes, path: Path, start: str) -> Iterator[Label]:
     root = _parsed(content, path)
     if root.tag != "MSRSW" or not _text(root, "CATEGORY").startswith("CDF2"):
         raise CodegenError("no MSRSW of category CDF20", where=path, remedy=READ_REMEDY)
-    for instance in root.iter("SW-INSTANCE"):
-        category, name = _text(instance, "CATEGORY"), _text(instance, "SHORT-NAME")
-        if not name.startswith(start):
+    for name, instance in _instances(root, ""):
+        category = _text(instance, "CATEGORY")
+        if not begins_with(name, start):
             continue
         if category not in _KINDS:
+            if instance.find("SW-INSTANCE") is not None:
+                continue  # a structure, whose members follow
             what = f"is of category {category or 'none'}"
             raise CodegenError(what, where=f"{path}: {name}", remedy=f"export it as one of {', '.join(_KINDS)}")
-        yield _label(instance, _KINDS[category], path)
+        yield _label(instance, name, _KINDS[category], path)
+
+
+def _instances(parent: ElementTree.Element, prefix: str) -> Iterator[tuple[str, ElementTree.Element]]:
+    """Yield all instances with their whole names: that of a structure, a dot, and that of its member."""
+    for child in parent:
+        name = prefix
+        if child.tag == "SW-INSTANCE":
+            own = _text(child, "SHORT-NAME")
+            name = f"{prefix}.{own}" if prefix and not own.startswith(f"{prefix}.") else own
+            yield name, child
+        yield from _instances(child, name)
 
 
 def _parsed(content: bytes, path: Path) -> ElementTree.Element:
@@ -69,8 +83,7 @@ def _text(element: ElementTree.Element, tag: str) -> str:
     return (element.findtext(tag) or "").strip()
 
 
-def _label(instance: ElementTree.Element, kind: Kind, path: Path) -> Label:
-    name = _text(instance, "SHORT-NAME")
+def _label(instance: ElementTree.Element, name: str, kind: Kind, path: Path) -> Label:
     variants = instance.findall("SW-INSTANCE-PROPS-VARIANTS/SW-INSTANCE-PROPS-VARIANT")
     if len(variants) > 1:
         raise CodegenError(f"{len(variants)} variants", where=f"{path}: {name}", remedy="export one variant of the calibration")
@@ -78,6 +91,9 @@ def _label(instance: ElementTree.Element, kind: Kind, path: Path) -> Label:
     content = holder.find("SW-VALUE-CONT")
     if content is None:
         raise CodegenError("has no SW-VALUE-CONT", where=f"{path}: {name}", remedy=READ_REMEDY)
+    if content.find("SW-VALUES-PHYS") is None:
+        what = "has no physical values (SW-VALUES-PHYS)"
+        raise CodegenError(what, where=f"{path}: {name}", remedy="export physical values, not coded ones")
     axes, points, units = [], [], [_text(content, "UNIT-DISPLAY-NAME")]
     for axis in holder.findall("SW-AXIS-CONTS/SW-AXIS-CONT"):
         axes.append(_text(axis, "SW-INSTANCE-REF"))
@@ -89,7 +105,7 @@ def _label(instance: ElementTree.Element, kind: Kind, path: Path) -> Label:
 def _numbers(element: ElementTree.Element) -> list[str]:
     """Return the texts of all numbers below SW-VALUES-PHYS; those of groups, the rows of a map, one after the other."""
     found = element.find("SW-VALUES-PHYS")
-    texts = [] if found is None else [(each.text or "").strip() for each in found.iter() if each.tag in ("V", "VT")]
+    texts = [] if found is None else [(each.text or "").strip() for each in found.iter() if each.tag in ("V", "VT", "VF", "VH")]
     return [_BOOLEANS.get(text.lower(), text) for text in texts]
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from codegen.errors import CodegenError
-from codegen.export.calibration.labels import READ_REMEDY, Label, decoded, number_text
+from codegen.export.calibration.labels import READ_REMEDY, Label, begins_with, decoded, number_text
 from codegen.export.calibration.layout import CalibrationObject, Kind, Layout, Numbers, Values
 
 _KINDS: dict[str, Kind] = {
@@ -44,9 +44,9 @@ def read(content: bytes, path: Path, start: str) -> Iterator[Label]:
         if not words or words[0] == "MODULKOPF":
             continue
         place = f"{path}, line {number}"
-        if words[0] in _KINDS and (len(words) == 1 or words[1].startswith(start)):
+        if words[0] in _KINDS and (len(words) == 1 or begins_with(words[1], start)):
             yield _label(words, lines, path, place)
-        elif words[0] in _OTHER_VALUES and len(words) > 1 and words[1].startswith(start):
+        elif words[0] in _OTHER_VALUES and len(words) > 1 and begins_with(words[1], start):
             remedy = f"export it as one of {', '.join(_KINDS)}"
             raise CodegenError(f"{words[1]} is a {words[0]}, which is not supported", where=place, remedy=remedy)
         elif words[0] in _BLOCKS:

@@ -49,6 +49,11 @@ class Label:
     units: tuple[str, ...] = ()
 
 
+def begins_with(name: str, start: str) -> bool:
+    """Return whether a name belongs to the build. In other letters it does too, and is then reported as unknown."""
+    return name.lower().startswith(start.lower())
+
+
 def values_of(labels: Iterable[Label], layout: Layout) -> Values:
     """Return the values of labels in the precision of a build.
 

@@ -19,7 +19,7 @@ from codegen.importing import child
 from codegen.limits import Limits
 from codegen.logs.account import findings, open_bus_log
 from codegen.logs.databases import Identifiers
-from codegen.logs.reader import LOGS
+from codegen.logs.formats import LOGS
 from codegen.report.bus_tables import FaultEntry, FaultFile
 from codegen.sil.software import RECORD_COLUMNS
 from hil_sim.logs import load_csv
