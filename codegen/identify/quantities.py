@@ -80,7 +80,8 @@ QUANTITIES: Mapping[str, Quantity] = {
             "vx",
             SPEED,
             "speed along the car's axis, negative in reverse",
-            "vx v speed velocity vehiclespeed vehspeed vehspd vehiclevelocity longitudinalspeed longitudinalvelocity",
+            "vx v speed velocity vehiclespeed vehspeed vehspd vehiclevelocity longitudinalspeed longitudinalvelocity "
+            "wheelbasedvehiclespeed",
             "vx speed spd veloc",
             SPEED_MAX_HIGH,
             math.inf,

@@ -304,10 +304,10 @@ def read_candump(path: Path) -> tuple[Collector, str]:
 
 
 def are_differences(time: FloatArray) -> bool:
-    """Return whether stamps (n,) are times from one frame to the next: many do not increase, and they do not grow."""
+    """Return whether stamps (n,) are times from one frame to the next: many do not increase, and they neither grow nor fall."""
     if time.size < DELTA_FRAMES_MIN or time.min() < 0.0:
         return False
     back = np.count_nonzero(np.diff(time) <= 0.0) / (time.size - 1)
     half = time.size // 2
     growth = float(np.mean(time[half:]) - np.mean(time[:half]))
-    return bool(back >= DELTA_BACK_MIN and growth <= DELTA_GROWTH_MAX * float(np.ptp(time)))
+    return bool(back >= DELTA_BACK_MIN and abs(growth) <= DELTA_GROWTH_MAX * float(np.ptp(time)))

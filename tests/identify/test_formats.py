@@ -2,14 +2,16 @@
 
 from pathlib import Path
 
+import asammdf
 import cantools
 import numpy as np
 import pandas as pd
 import pytest
 
+from codegen.errors import CodegenError
 from codegen.identify.channels import NOT_AVAILABLE
 from codegen.identify.drive import Drive
-from codegen.identify.names import Names
+from codegen.identify.names import Names, SignalChoice
 from codegen.identify.reading import read_drives
 from hil_sim.codec import Frame
 from hil_sim.logs import BusLog
@@ -173,3 +175,41 @@ def test_an_optional_channel_without_samples_is_left_out(tmp_path: Path) -> None
     reading = read_drives([tmp_path / "drive.csv"])
     assert "lateral_acceleration" not in reading.sources[0]
     assert [finding.text for finding in reading.findings] == ["lateral_acceleration_m_s2 has 0 samples"]
+
+
+def test_an_error_about_a_missing_signal_names_what_was_not_read(tmp_path: Path) -> None:
+    path = write_bus(tmp_path / "drive.log", frames())
+    text = (tmp_path / "car.dbc").read_text(encoding="utf-8")
+    line = next(line for line in text.splitlines() if " VehicleSpeed " in line)
+    zero = line[: line.index("(")] + "(0,0)" + line[line.index(")") + 1 :]
+    (tmp_path / "car.dbc").write_text(text.replace(line, zero), encoding="utf-8")
+    with pytest.raises(
+        CodegenError, match=r"no signal is called vx or the like \(car\.dbc: 1 line is left out: its factor is 0"
+    ):
+        read_drives([path], [tmp_path / "car.dbc"])
+
+
+def test_a_log_without_frames_is_named_as_such(tmp_path: Path) -> None:
+    write_bus(tmp_path / "drive.log", frames())
+    (tmp_path / "empty.log").write_text("", encoding="ascii")
+    with pytest.raises(CodegenError, match="it has no frame that is read; give a log with frames"):
+        read_drives([tmp_path / "empty.log"], [tmp_path / "car.dbc"])
+
+
+def test_one_of_two_channels_of_one_name_can_be_chosen(tmp_path: Path) -> None:
+    time = 0.01 * np.arange(200)
+    with asammdf.MDF(version="4.10") as mdf:
+        for name, unit, values in (
+            ("vx", "m/s", 20.0 + time),
+            ("yaw_rate", "rad/s", 0.1 * np.sin(time)),
+            ("yaw_rate", "rad/s", 0.2 * np.sin(time)),
+            ("delta_f", "rad", 0.01 * np.sin(time)),
+        ):
+            mdf.append([asammdf.Signal(values, time, name=name, unit=unit)])
+        mdf.save(tmp_path / "drive.mf4")
+    for choice in ({}, {"yaw_rate": SignalChoice(signal="yaw_rate")}):
+        with pytest.raises(CodegenError, match=r"yaw_rate#1.*yaw_rate#2"):
+            read_drives([tmp_path / "drive.mf4"], names=Names(**choice))
+    for number, size in ((1, 0.1), (2, 0.2)):
+        found = read_drives([tmp_path / "drive.mf4"], names=Names(yaw_rate=SignalChoice(signal=f"yaw_rate#{number}")))
+        assert np.nanmax(found.drives[0].signals["yaw_rate"]) == pytest.approx(size, rel=1e-3)

@@ -43,6 +43,7 @@ def test_names_has_a_key_for_each_quantity() -> None:
     ("key", "name"),
     [
         ("vx", "VehicleSpeed (km/h)"),
+        ("vx", "WheelBasedVehicleSpeed [km/h]"),
         ("vx", "vx_m_s"),
         ("vx", "v [mph]"),
         ("yaw_rate", "psi_dot [°/s]"),

@@ -148,6 +148,7 @@ def test_the_account_of_every_channel_closes(tmp_path: Path) -> None:
     [
         (0.01 * np.arange(30), "time from the start of the log"),
         (1.7e9 + 0.01 * np.arange(30), "Unix time"),
+        (0.01 * np.arange(30)[::-1], "time from the start of the log"),
         (np.tile([0.01, 0.011], 15), "time from the row before"),
     ],
 )
