@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -256,6 +257,16 @@ def test_committed_files_and_a_modified_build(tmp_path: Path) -> None:
     for damaged in ("{}", "not JSON", '{"build": {"manifest_sha256": "0"}, "counts": {"failed": 0}}'):
         (folder / "verify.json").write_text(damaged, encoding="utf-8")
         assert any("verify.json" in text for text in check_path(folder).warnings)
+
+
+def test_a_command_that_a_note_proposes_has_names_of_files_quoted(tmp_path: Path) -> None:
+    """A user may paste it into a shell."""
+    shutil.copytree(GENERATED / "4ws2", tmp_path / "build")
+    path = tmp_path / "build" / "manifest.json"
+    manifest = json.loads(path.read_text(encoding="utf-8"))
+    manifest["inputs"]["map"]["file"] = manifest["inputs"]["configuration"]["source"] = "$(touch x).npz"
+    path.write_text(json.dumps(manifest), encoding="utf-8")
+    assert any("`codegen check '$(touch x).npz' --config '$(touch x).npz'`" in text for text in check_path(path.parent).notes)
 
 
 @pytest.mark.parametrize("name", ["4ws2", "4ws2-paper"])
