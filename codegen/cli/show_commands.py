@@ -16,8 +16,10 @@ from typing import TYPE_CHECKING
 
 import click
 
+import codegen
 from codegen import console
 from codegen.cli.base import cli, example, json_option
+from codegen.cli.base import show as show_result
 from codegen.cli.options import (
     build_folder,
     channel_option,
@@ -30,7 +32,7 @@ from codegen.cli.options import (
     scenario_names,
 )
 from codegen.errors import CodegenError, MapError, within
-from codegen.files import read_text, resolved, write_atomically
+from codegen.files import read_text, resolved
 from codegen.text_table import text_table
 
 if TYPE_CHECKING:
@@ -241,27 +243,18 @@ def report(
     With --build, the C is simulated together with other controllers and the passive car, and bus faults are injected, unless
     --run provides the results. The file works offline.
     """
-    from codegen.emit.outputs import check_output
-    from codegen.report.html.gather import Request, gather, read
-    from codegen.report.html.inputs import named
-    from codegen.report.html.page import charts_of, render, require_plotly
-    from codegen.report.html.report import sections
-
-    require_plotly("report")
-    check_output(output, ".html", (map_path, *compare, *(named(argument)[1] for argument in runs)))
-    found = read(Request(map_path, compare, build_path, runs, scenario, not no_simulation, channel))
-    with console.progress("report") as progress:
-        material = gather(found, progress)
-        made = list(sections(material))
-        content = render(f"{material.map.name}: from the map to the ECU", made)
-    write_atomically(output, content)
-    charts, notes = [chart.name for chart in charts_of(made)], list(material.notes)
-    if as_json:
-        told = {"report": str(output), "bytes": len(content), "sections": [section.name for section in made]}
-        console.print_json({**told, "charts": charts, "notes": notes})
-        return
-    console.note(*notes)
-    console.say(f"{output}: {len(made)} sections, {len(charts)} charts, {len(content) / 1e6:.1f} MB; open it in a browser")
+    found = codegen.report(
+        map_path,
+        output,
+        compare=compare,
+        build=build_path,
+        runs=runs,
+        scenario=scenario,
+        channel=channel,
+        simulate=not no_simulation,
+        progress=console.shown,
+    )
+    show_result(found, as_json)
 
 
 @cli.command(

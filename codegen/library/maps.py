@@ -1,0 +1,306 @@
+"""Reference maps: solve, load, save, show, compare."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen.arrays import BoolArray, FloatArray
+from codegen.configuration import Config
+from codegen.emit.outputs import check_output
+from codegen.errors import CodegenError, within
+from codegen.judgement.model import MISSING, Judgement, of_map
+from codegen.library.configurations import ConfigLike, given_config
+from codegen.library.result import PathLike, Progress, Result, Work, drawn, path_of
+from codegen.map_file import archive
+from codegen.map_file import map as npz
+from codegen.map_file.map import Chosen, ReferenceMap, choose_config
+from codegen.optimum.like_friction import friction_errors
+from codegen.optimum.solve import ACCELERATION_OPTION, Method, solve_acceleration_stack, solve_case, solve_stack
+from codegen.optimum.uncertain import UncertainMap, solve_uncertain
+from codegen.plausibility.car import Handling, car_warnings
+from codegen.plausibility.map import MapFacts, beyond_grip, map_warnings
+from codegen.report.map_difference import map_difference
+from codegen.report.summary import map_summary
+from codegen.text_table import text_table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+TABLES = (
+    (("what binds", "cells", "share"), "binding_rows"),
+    (("friction", "feasible cells", "share", "lateral acceleration, largest [m/s^2]"), "stack_rows"),
+    (
+        ("longitudinal acceleration [m/s^2]", "feasible cells", "share", "lateral, largest [m/s^2]", "like friction"),
+        "acceleration_rows",
+    ),
+)
+"""Header and attribute of the summary, for tables that not every map has."""
+
+
+class Map(Result):
+    """A reference map: yaw rates for n speeds and m front angles, in left turns. Arrays are in SI units, signs as in ISO 8855.
+
+    Attributes:
+        speed_m_s: (n,), increasing.
+        front_angle_rad: (m,) at the road wheel, increasing.
+        yaw_rate_rad_s: (n, m); NaN where no steady turn keeps all limits.
+        feasible: (n, m) whether there is one.
+        rear_angle_rad, sideslip_rad: (n, m); None for a table that has none.
+        config: the configuration of the map; None for a table without one.
+        case: name of the case in it, or None.
+        path: file of the map; None before it is saved.
+    """
+
+    def __init__(self, reference_map: ReferenceMap, path: Path | None = None, data: bytes | None = None) -> None:
+        self.reference_map, self.path = reference_map, path
+        self._data = data
+        self.notes: tuple[str, ...] = ()
+        self.warnings: tuple[str, ...] = tuple(filter(None, [beyond_grip(reference_map)]))
+
+    @classmethod
+    def from_arrays(
+        cls,
+        speed_m_s: npt.ArrayLike,
+        front_angle_rad: npt.ArrayLike,
+        yaw_rate_rad_s: npt.ArrayLike,
+        *,
+        config: ConfigLike | None = None,
+    ) -> Map:
+        """Return the map of a table of your own, (n,), (m,) and (n, m). Raises CodegenError: see `load_map`."""
+        named = {"vx": speed_m_s, "delta_f": front_angle_rad, "yaw_rate": yaw_rate_rad_s}
+        try:
+            arrays = {key: np.asarray(values) for key, values in named.items()}
+        except ValueError as error:
+            raise CodegenError("the rows have different lengths", where="yaw_rate", remedy="give an (n, m) array") from error
+        made = npz.from_arrays(arrays, "the table")
+        return cls(made if config is None else made.with_config(choose_config(made, given_config(config)).config))
+
+    @property
+    def speed_m_s(self) -> FloatArray:
+        return self.reference_map.speed
+
+    @property
+    def front_angle_rad(self) -> FloatArray:
+        return self.reference_map.front_angle
+
+    @property
+    def yaw_rate_rad_s(self) -> FloatArray:
+        return self.reference_map.yaw_rate
+
+    @property
+    def rear_angle_rad(self) -> FloatArray | None:
+        return self.reference_map.rear_angle
+
+    @property
+    def sideslip_rad(self) -> FloatArray | None:
+        return self.reference_map.sideslip
+
+    @property
+    def feasible(self) -> BoolArray:
+        return self.reference_map.feasible
+
+    @property
+    def config(self) -> Config | None:
+        return self.reference_map.config
+
+    @property
+    def case(self) -> str | None:
+        return self.reference_map.case
+
+    @property
+    def name(self) -> str:
+        """Name of the file without its ending, else of the case."""
+        return self.path.stem if self.path is not None else self.case or "map"
+
+    @property
+    def judgement(self) -> Judgement | None:
+        """The judgement of the car that `tune` stored, if it belongs to this map; else None."""
+        return None if self.config is None else of_map(self.reference_map, self.config).judgement
+
+    @property
+    def data(self) -> bytes:
+        """Content of the `.npz`: of the file that was read, else as `save` writes it."""
+        return npz.to_bytes(self.reference_map) if self._data is None else self._data
+
+    def save(self, path: PathLike) -> Path:
+        """Write the map as `.npz` and return its path. Raises CodegenError if that would destroy something."""
+        place = path_of(path, "the path of a map")
+        check_output(place, ".npz")
+        self._write(place)
+        self.path, self._data = place, None
+        return place
+
+    def _write(self, path: Path) -> None:
+        npz.save(self.reference_map, path)
+
+    def plot(self, path: PathLike | None = None) -> Figure:
+        """Draw yaw rate, sideslip, rear angle and what binds, over speed and front angle; write a PNG if there is a path."""
+        return drawn(self._figure(), path)
+
+    def _figure(self) -> Figure:
+        from codegen.report.map_plots import map_figure
+
+        return map_figure(self.reference_map, self.name)
+
+    def lines(self) -> list[str]:
+        """Return axes, ranges, what binds, and the judgement of the car."""
+        summary, judgement = map_summary(self.reference_map), self.judgement
+        lines = [f"{self.path or 'map'}: {summary.headline}", summary.tyre_line, summary.tightening_line]
+        lines = [line for line in lines if line]
+        lines += [text_table(("", "from", "to", "unit", "points"), summary.axis_rows), ""]
+        lines.append(text_table(("", "from", "to", "unit"), summary.value_rows))
+        for header, rows in TABLES:
+            if found := getattr(summary, rows):
+                lines += ["", text_table(header, found)]
+        return lines if judgement is None else [*lines, "", *judgement.lines()]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the summary and the judgement, as `codegen show --json` prints them."""
+        config, path = self.config, self.path
+        stored = MISSING if config is None else of_map(self.reference_map, config)
+        where = {} if path is None else {"map": str(path)}
+        return {**where, **map_summary(self.reference_map).to_dict(), "judgement": stored.to_dict()}
+
+
+MapLike = Map | PathLike
+"""A map, or the path of its `.npz`."""
+
+
+def load_map(path: PathLike) -> Map:
+    """Read and check a map. Raises CodegenError with the file, the key and the index of the first fault."""
+    place = path_of(path, "a map")
+    data = archive.read_map_file(place)
+    found = Map(npz.from_bytes(data, place), place, data)
+    if found.config is not None:
+        found.notes = tuple(filter(None, [of_map(found.reference_map, found.config).note]))
+    return found
+
+
+def map_of(given: Any) -> Map:
+    """Return an argument that is a map or its path as a map. Raises CodegenError."""
+    return given if isinstance(given, Map) else load_map(path_of(given, "a map"))
+
+
+def place_of(found: Map) -> str:
+    """Return the location of a map in messages."""
+    return str(found.path or "the map")
+
+
+class SolvedMap(Map):
+    """A map that was solved now.
+
+    Attributes:
+        source: where its configuration came from: a file name, "preset" or "given".
+        nominal: the map with the whole limits, where `share` was given; else None.
+    """
+
+    def __init__(self, reference_map: ReferenceMap, chosen: Chosen, uncertain: UncertainMap | None) -> None:
+        super().__init__(reference_map)
+        config = chosen.config
+        self.source, self.notes = chosen.source, chosen.notes
+        self.warnings = (*car_warnings(config), *map_warnings(reference_map, config))
+        self.nominal = None if uncertain is None else Map(uncertain.nominal)
+        self._like = friction_errors(reference_map)
+        self._handling, self._facts = Handling.from_config(config), MapFacts.of_map(reference_map, config)
+        self._cost = {} if uncertain is None else _cost(uncertain)
+
+    def lines(self) -> list[str]:
+        """Return size and feasibility, handling of the car, and facts about the map."""
+        summary = map_summary(self.reference_map)
+        lines = [f"{self.path or 'map'}: {summary.headline}", f"car: {self._handling}"]
+        lines += [f"map: {line}" for line in (*self._facts.lines(), *(one.line for one in self._like))]
+        if self.nominal is not None:
+            cost = self._cost
+            mean, largest = (f"{cost[key]:.2f} deg/s" for key in ("yaw_rate_mean_deg_s", "yaw_rate_max_deg_s"))
+            lines.append(f"map: {summary.tightening_line}")
+            lines.append(
+                f"{self.nominal.path or 'nominal'}: the map with the whole limits; {cost['lost_percent']:.0f} % of the cars "
+                f"exceed one. Its yaw rate is {mean} larger on average, at most {largest} at {cost['at']}, and {cost['cells']} "
+                "more cells are feasible"
+            )
+        return lines
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the same facts, as `codegen solve --json` prints them."""
+        origin = {"map": None if self.path is None else str(self.path), "configuration": self.source}
+        told = {"notes": list(self.notes), "warnings": list(self.warnings), "handling": self._handling.to_dict()}
+        like = {"like_friction": [one.to_dict() for one in self._like]} if self._like else {}
+        facts = {**origin, **told, **self._facts.to_dict(), **map_summary(self.reference_map).to_dict(), **like}
+        if self.nominal is None:
+            return facts
+        path = self.nominal.path
+        return {**facts, "nominal": {"map": None if path is None else str(path), **self._cost}}
+
+
+def _cost(uncertain: UncertainMap) -> dict[str, Any]:
+    """Return what the nominal map has more than the tightened one, as JSON values."""
+    found = map_difference(uncertain.nominal, uncertain.map, (None, None))
+    return {
+        "lost_percent": 100.0 * uncertain.lost_by_nominal,
+        "yaw_rate_mean_deg_s": found.mean_deg_s,
+        "yaw_rate_max_deg_s": found.largest_deg_s,
+        "at": str(found.largest_at),
+        "cells": found.only_first - found.only_second,
+    }
+
+
+def solve(
+    config: ConfigLike | None = None,
+    case: str = "4ws-2",
+    *,
+    method: Literal["exact", "ipopt"] = "exact",
+    friction: Sequence[float] | None = None,
+    longitudinal_acceleration: Sequence[float] | None = None,
+    share: float | None = None,
+    progress: Progress | None = None,
+) -> SolvedMap:
+    """Solve the optimisation of one case on the configured grid.
+
+    Args:
+        config: the car; by default the paper's preset.
+        case: fws, 4ws-1, 4ws-2, a case of your own, or for comparison zero-sideslip, variable-wheelbase, envelope.
+        method: "exact" solves all points at once, "ipopt" point by point, as a reference.
+        friction: solve a map for each friction; the largest is `road.friction`.
+        longitudinal_acceleration: solve a map for each, in m/s^2; 0 is the map itself.
+        share: tighten the limits until this share of the cars within `[identified]` keeps them, such as 0.99.
+        progress: called with the share of the work that is done.
+
+    Raises:
+        CodegenError: there is no such case, options exclude each other, or no point of the grid is feasible.
+    """
+    if friction is not None and longitudinal_acceleration is not None:
+        raise CodegenError("a map has one stack", where=ACCELERATION_OPTION, remedy="leave it or --friction out")
+    if method not in ("exact", "ipopt"):
+        raise CodegenError(f"there is no method {method!r}", remedy="known: exact, ipopt")
+    if share is not None:
+        others: Mapping[str, object] = {
+            "--friction": friction,
+            ACCELERATION_OPTION: longitudinal_acceleration,
+            "--method ipopt": method == "ipopt" or None,
+        }
+        for option in (option for option, value in others.items() if value is not None):
+            raise CodegenError("cannot be combined with --uncertain", where=option, remedy="leave one of them out")
+    given = given_config(config)
+    chosen = choose_config(None, given)
+    title = f"solving {case}" + ("" if friction is None else f" for {len(friction)} frictions")
+    title += "" if longitudinal_acceleration is None else f" for {len(longitudinal_acceleration)} accelerations"
+    title += "" if share is None else f" for {100.0 * share:g} % of the cars"
+    place = "the paper's preset" if given is None else "" if isinstance(given, Config) else given
+    solver: Method = method
+    uncertain = None
+    with within(place), Work(progress).stage(title) as tell:
+        if friction is not None:
+            made = solve_stack(chosen.config, case, friction, solver, tell)
+        elif longitudinal_acceleration is not None:
+            made = solve_acceleration_stack(chosen.config, case, longitudinal_acceleration, solver, tell)
+        elif share is not None:
+            uncertain = solve_uncertain(chosen.config, case, share, tell)
+            made = uncertain.map
+        else:
+            made = solve_case(chosen.config, case, solver, tell)
+        return SolvedMap(made, chosen, uncertain)
