@@ -25,22 +25,35 @@ if TYPE_CHECKING:
     from codegen.library.builds import NewBuild as NewBuild
     from codegen.library.builds import build as build
     from codegen.library.builds import load_build as load_build
+    from codegen.library.calibration import Calibration as Calibration
+    from codegen.library.calibration import calibrate as calibrate
     from codegen.library.campaigns import Campaign as Campaign
     from codegen.library.campaigns import Replay as Replay
     from codegen.library.campaigns import replay as replay
     from codegen.library.campaigns import sweep as sweep
     from codegen.library.checks import Check as Check
     from codegen.library.checks import check as check
+    from codegen.library.comparisons import Difference as Difference
+    from codegen.library.comparisons import FlashSizes as FlashSizes
+    from codegen.library.comparisons import compare as compare
+    from codegen.library.comparisons import flash_sizes as flash_sizes
     from codegen.library.configurations import NewConfig as NewConfig
     from codegen.library.configurations import init as init
     from codegen.library.configurations import load_config as load_config
     from codegen.library.configurations import preset as preset
+    from codegen.library.configurations import schema as schema
+    from codegen.library.exports import Export as Export
+    from codegen.library.exports import export as export
     from codegen.library.identification import DrivePlan as DrivePlan
     from codegen.library.identification import Drives as Drives
     from codegen.library.identification import Identification as Identification
     from codegen.library.identification import identify as identify
     from codegen.library.identification import plan_drives as plan_drives
     from codegen.library.identification import read_drives as read_drives
+    from codegen.library.imports import ImportedMap as ImportedMap
+    from codegen.library.imports import ImportedTyres as ImportedTyres
+    from codegen.library.imports import import_map as import_map
+    from codegen.library.imports import import_tyres as import_tyres
     from codegen.library.logs import Log as Log
     from codegen.library.logs import log as log
     from codegen.library.maps import Map as Map
@@ -49,10 +62,14 @@ if TYPE_CHECKING:
     from codegen.library.maps import solve as solve
     from codegen.library.reports import Report as Report
     from codegen.library.reports import report as report
+    from codegen.library.reproduction import Paper as Paper
+    from codegen.library.reproduction import paper as paper
     from codegen.library.result import Progress as Progress
     from codegen.library.result import Result as Result
+    from codegen.library.runs import Faults as Faults
     from codegen.library.runs import Run as Run
     from codegen.library.runs import Scenarios as Scenarios
+    from codegen.library.runs import faults as faults
     from codegen.library.runs import run as run
     from codegen.library.runs import scenarios as scenarios
     from codegen.library.suites import Suite as Suite
@@ -71,15 +88,20 @@ _NAMES = {
     "configuration": ("Config",),
     "errors": ("CheckFailed", "CodegenError"),
     "library.builds": ("Build", "NewBuild", "build", "load_build"),
+    "library.calibration": ("Calibration", "calibrate"),
     "library.campaigns": ("Campaign", "Replay", "replay", "sweep"),
     "library.checks": ("Check", "check"),
-    "library.configurations": ("NewConfig", "init", "load_config", "preset"),
+    "library.comparisons": ("Difference", "FlashSizes", "compare", "flash_sizes"),
+    "library.configurations": ("NewConfig", "init", "load_config", "preset", "schema"),
+    "library.exports": ("Export", "export"),
     "library.identification": ("DrivePlan", "Drives", "Identification", "identify", "plan_drives", "read_drives"),
+    "library.imports": ("ImportedMap", "ImportedTyres", "import_map", "import_tyres"),
     "library.logs": ("Log", "log"),
     "library.maps": ("Map", "SolvedMap", "load_map", "solve"),
     "library.reports": ("Report", "report"),
+    "library.reproduction": ("Paper", "paper"),
     "library.result": ("Progress", "Result"),
-    "library.runs": ("Run", "Scenarios", "run", "scenarios"),
+    "library.runs": ("Faults", "Run", "Scenarios", "faults", "run", "scenarios"),
     "library.suites": ("Suite", "suite"),
     "library.tuning": ("TunedMap", "tune"),
     "library.verification": ("Verification", "verify"),

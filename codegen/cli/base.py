@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from types import EllipsisType
 from typing import TYPE_CHECKING
 
 import click
@@ -24,16 +25,23 @@ def example(text: str) -> str:
     return f"\b\nExample:\n  {text}"
 
 
-def show(result: Result, as_json: bool) -> None:
-    """Print a result as JSON, or as lines with its notes and warnings. Raises CheckFailed if a check failed."""
+def show(result: Result, as_json: bool, plot: Path | EllipsisType | None = ...) -> None:
+    """Print a result as JSON, or as lines with its notes and warnings. Raises CheckFailed if a check failed.
+
+    Args:
+        plot: the picture of a command that may draw one; None if it did not.
+    """
     if as_json:
-        data = result.to_dict()
+        drawn = {} if plot is ... else {"plot": None if plot is None else str(plot)}
+        data = {**result.to_dict(), **drawn}
         console.print_json(data)
         console.warn(*(() if "warnings" in data else result.warnings))
     else:
         console.note(*result.notes)
         console.warn(*result.warnings)
         console.say(*result.lines())
+        if isinstance(plot, Path):
+            console.say(f"\nplot: {plot}")
     if result.failure is not None:
         raise result.failure
 

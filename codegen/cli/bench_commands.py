@@ -10,7 +10,7 @@ from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
@@ -28,7 +28,6 @@ from codegen.cli.options import (
 )
 from codegen.errors import CheckFailed, CodegenError
 from codegen.files import resolved
-from codegen.text_table import text_table
 
 if TYPE_CHECKING:
     from codegen.configuration import Config
@@ -36,7 +35,6 @@ if TYPE_CHECKING:
     from codegen.library.runs import Run
     from hil_sim.bench import BenchResult, Cycle, Observer
     from hil_sim.bus import BusAddress
-    from hil_sim.scenarios import Scenario
     from hil_sim.session import EcuKind, Setup
 
 
@@ -293,38 +291,10 @@ def _serve(build_path: Path, address: BusAddress, lock_step: bool, parent: int |
 )
 @click.option("--ecu", "kind", type=click.Choice(["native", "cffi"]), help="On a bus: as in hil; cffi by default.")
 @json_option
-def faults(build_path: Path, bus: str | None, kind: EcuKind | None, as_json: bool) -> None:
+def faults(build_path: Path, bus: str | None, kind: Literal["native", "cffi"] | None, as_json: bool) -> None:
     """Inject every bus fault into the same turn-in. Report the diagnostics, the time to the fail-safe, the largest rear angle
     and the recovery time. On a bus, runs take real time, and delays of this machine count as additional faults."""
-    from codegen.report.bus_tables import HEADER, fault_data, fault_rows
-    from codegen.sil.software import load
-    from hil_sim.bench import run_through_can
-    from hil_sim.bus import BusAddress
-    from hil_sim.fault_catalogue import run_all
-    from hil_sim.session import BuildFacts, Setup, run_hil
-
-    if bus is None and kind is not None:
-        raise CodegenError("without a bus there is no ECU to choose", where="--ecu", remedy="add --bus")
-    address, facts = None if bus is None else BusAddress.parse(bus), BuildFacts.read(build_path)
-    note_edited(build_path, facts.edited, quiet=as_json)
-    with console.status(f"compiling {build_path}"):
-        software = load(build_path) if address is None else None
-
-    def run(scenario: Scenario) -> BenchResult:
-        if software is not None:
-            return run_through_can(software, scenario)
-        assert address is not None
-        return run_hil(Setup(facts.config, scenario, address, precision=facts.precision), build_path, kind or "cffi").result
-
-    with console.progress("faults") as progress:
-        outcomes = run_all(facts.config, run, progress)
-    if as_json:
-        console.print_json({"build": str(build_path), "bus": bus, "faults": fault_data(outcomes)})
-    else:
-        console.say(text_table(HEADER, fault_rows(outcomes)))
-    wrong = [outcome.case.name for outcome in outcomes if outcome.violations]
-    if wrong:
-        raise CheckFailed(f"not as defined: {', '.join(wrong)}", where=build_path, remedy="see the table")
+    show(codegen.faults(build_path, bus=bus, ecu=kind, progress=console.shown), as_json)
 
 
 @cli.command(short_help="List the scenarios.", epilog=example("codegen scenarios"))

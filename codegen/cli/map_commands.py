@@ -37,6 +37,15 @@ def init(folder: Path, preset: str) -> None:
     show(codegen.init(folder, preset), False)
 
 
+@cli.command(short_help="Print the JSON Schema of ars.toml.", epilog=example("codegen schema > ars.schema.json"))
+def schema() -> None:
+    """Print the JSON Schema of ars.toml, for completion and checks in editors.
+
+    The first line of a file that `codegen init` makes names ars.schema.json, where editors look for it.
+    """
+    console.print_json(codegen.schema())
+
+
 @cli.command(
     short_help="Solve one case and write the map.", epilog=example("codegen solve --config ars.toml --case 4ws-2 -o 4ws2.npz")
 )
@@ -168,15 +177,7 @@ def build(
 @json_option
 def paper(output: Path, as_json: bool) -> None:
     """Reproduce the paper: solve its three maps, build the C, run C1 and C2, compare its tables with ours."""
-    with console.progress("reproducing the paper") as progress:
-        progress(0, 1, "loading")
-        from codegen.report.paper import reproduce
-
-        result = reproduce(output, done=progress)
-    if as_json:
-        console.print_json(result.to_dict())
-        return
-    console.say(*result.lines())
+    show(codegen.paper(output, progress=console.shown), as_json)
 
 
 def _numbers(text: str | None, place: str) -> list[float] | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +9,7 @@ import click
 
 import codegen
 from codegen import console
-from codegen.cli.base import cli, example, show
+from codegen.cli.base import cli, example
 from codegen.cli.bench_commands import Outputs
 from codegen.cli.options import (
     OUTPUT_HELP,
@@ -24,53 +23,8 @@ from codegen.cli.options import (
     scenario_option,
     sensor_options,
 )
+from codegen.cli.suite_command import SUITES, SuiteChoices
 from codegen.errors import CodegenError
-from codegen.files import resolved
-
-SUITES = ("tracking", "cars", "references")
-
-
-@dataclass(frozen=True, kw_only=True)
-class SuiteChoices:
-    """Options of a suite: a picture of the overview, or a folder for all pictures."""
-
-    build_path: Path | None
-    plot: Path | None
-    files: tuple[Path, ...]
-    cars: int | None
-    seed: int | None
-    limits_path: Path | None
-    as_json: bool
-
-    def run(self, name: str) -> None:
-        """Run a suite, draw its pictures, and print and judge its results. Raises CodegenError, CheckFailed."""
-        self._check(name)
-        found = codegen.suite(
-            self.build_path, name, cars=self.cars, seed=self.seed, limits=self.limits_path, progress=console.shown
-        )
-        if self.plot is not None:
-            found.plot(self.plot)
-        for folder in self.files:
-            found.plot_all(folder)
-        show(found, self.as_json)
-
-    def _check(self, name: str) -> None:
-        """Reject paths that cannot be written, before anything runs. Raises CodegenError."""
-        from codegen.emit.outputs import check_output
-
-        if name == "cars" and (self.plot is not None or self.files):
-            where = "--output" if self.plot is None else "--plot"
-            raise CodegenError("this suite draws no pictures", where=where, remedy="leave it out; --json has all figures")
-        if len(self.files) > 1:
-            raise CodegenError("a second folder for the pictures", where=self.files[1], remedy="name one")
-        check_output(self.plot, ".png")
-        for folder in self.files:
-            if folder.exists() and not folder.is_dir():
-                raise CodegenError("not a folder", where=folder, remedy="name a folder for the pictures")
-            # The folder is created when there is something to write.
-            place = folder if folder.is_dir() else resolved(folder).parent
-            check_output(place / "overview.png", ".png")
-
 
 SETTINGS = ("speed_km_h", "steering_wheel_angle_deg")
 OF_A_SCENARIO = (
@@ -83,8 +37,7 @@ OF_A_SCENARIO = (
 @cli.command(
     short_help="Run the generated C in closed loop.",
     epilog=example(
-        "codegen sil --build generated/4ws2 --plot run.png\n  codegen sil --suite tracking\n  codegen sil --suite cars\n"
-        "  codegen sil --suite references --plot references.png"
+        "codegen sil --build generated/4ws2 --plot run.png\n  codegen sil --build generated/4ws2 --scenario slalom --baselines"
     ),
 )
 @click.option("--build", "build_path", type=build_folder, metavar="DIR", help="A folder made by codegen build.")
@@ -114,7 +67,7 @@ OF_A_SCENARIO = (
     "--suite",
     metavar="NAME",
     shell_complete=lambda *_: list(SUITES),
-    help="Run a test suite instead of a scenario: tracking or references (by default of the recommended preset), or cars.",
+    help="Run a test suite instead of a scenario, as codegen suite does.",
 )
 @click.option("--cars", type=click.IntRange(1, 1000), metavar="N", help="Number of random cars of --suite cars; by default 8.")
 @click.option(
@@ -130,29 +83,23 @@ OF_A_SCENARIO = (
 def sil(context: click.Context, /, suite: str | None, cars: int | None, limits_path: Path | None, **given: Any) -> None:
     """Run the generated C in closed loop with a simulated car, software in the loop.
 
-    With --suite tracking, simulate the controller and its baselines in every cell of the test set, compare the figures with
-    the requirements, and exit 1 if one is missed. --plot then draws an overview.
-
-    With --suite cars, draw plausible cars from a seed, solve, tune and build a controller for each, simulate all, and exit 1
-    if a car misses a limit. Seed 1, the default of this suite, is for development. Seed 4 is for testing; nothing is tuned
-    on it.
-
-    With --suite references, drive the controller in the same cells on other maps: the cases of the configuration and the
-    published references zero-sideslip, variable-wheelbase and envelope. Nothing is judged.
+    --suite is the earlier form of `codegen suite`.
     """
     if suite is not None:
         seeded = context.get_parameter_source("seed") is click.core.ParameterSource.COMMANDLINE
         _refuse_with_suite(context, "seed" if suite == "cars" else "")
         seed = given["seed"] if seeded else None
+        if not given["as_json"]:
+            console.note(f"`codegen suite {suite}` is the new form of `codegen sil --suite {suite}`")
         named = {key: given[key] for key in ("build_path", "plot", "files", "as_json")}
         SuiteChoices(**named, cars=cars, seed=seed, limits_path=limits_path).run(suite)
         return
     if cars is not None:
-        raise CodegenError("random cars belong to their suite", where="--cars", remedy="add --suite cars")
+        raise CodegenError("random cars belong to their suite", where="--cars", remedy="use codegen suite cars")
     if limits_path is not None:
-        raise CodegenError("limits belong to a suite", where="--limits", remedy="add --suite tracking or --suite cars")
+        raise CodegenError("limits belong to a suite", where="--limits", remedy="use codegen suite tracking or cars")
     if given["build_path"] is None:
-        raise CodegenError("no build is named", where="--build", remedy="`codegen build` makes one; or give --suite tracking")
+        raise CodegenError("no build is named", where="--build", remedy="`codegen build` makes one; or use codegen suite")
     chosen = Outputs(**{key: given.pop(key) for key in OUTPUTS}, **{key: given[key] for key in SHARED})
     chosen.check(given["map_path"])
     run = codegen.run(

@@ -37,6 +37,21 @@ def given_config(config: Any) -> Config | Path | None:
     return config if config is None or isinstance(config, Config) else path_of(config, "a configuration")
 
 
+def schema() -> dict[str, Any]:
+    """Return the JSON Schema of `ars.toml`, for completion in editors. Only `load_config` checks the rules between keys."""
+    found = Config.model_json_schema()
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **_untitled(found), "title": "ars.toml"}
+
+
+def _untitled(found: Any) -> Any:
+    """Return a schema without the titles that pydantic derives from the keys."""
+    if isinstance(found, list):
+        return [_untitled(each) for each in found]
+    if not isinstance(found, dict):
+        return found
+    return {key: _untitled(each) for key, each in found.items() if not (key == "title" and isinstance(each, str))}
+
+
 class NewConfig(Result):
     """A new `ars.toml` at `path`."""
 

@@ -132,9 +132,9 @@ def suite(
     """
     if name not in SUITES:
         remedy = f"known: {', '.join(SUITES)}{suggestion(str(name), SUITES)}"
-        raise CodegenError(f"there is no suite {name!r}", where="--suite", remedy=remedy)
+        raise CodegenError(f"there is no suite {name!r}", where="codegen suite", remedy=remedy)
     if cars is not None and name != "cars":
-        raise CodegenError("random cars belong to their suite", where="--cars", remedy="add --suite cars")
+        raise CodegenError("random cars belong to their suite", where="--cars", remedy="use codegen suite cars")
     if name == "cars":
         if build is not None:
             raise CodegenError("the cars of this suite have builds of their own", where="--build", remedy="leave it out")

@@ -3,14 +3,17 @@
 import inspect
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import jsonschema
 import numpy as np
 import pytest
 
 import codegen as ars
+from codegen.configuration import preset_text
 
 ROOT = Path(__file__).resolve().parents[2]
 SMALL = {"grid.speed_points": 11, "grid.front_angle_points": 10}
@@ -48,6 +51,21 @@ def test_a_session(folder: Path) -> None:
     assert b.changed and (b.folder / "src/ars_controller.c").is_file() and not ars.build(again, folder / "4ws2").changed
     assert ars.build(again, folder / "4ws2", write=False).differences == []
     assert ars.load_build(folder / "4ws2").config == m.config
+
+
+def test_the_schema_of_a_configuration() -> None:
+    schema = ars.schema()
+    check = jsonschema.Draft202012Validator(schema).is_valid
+    jsonschema.Draft202012Validator.check_schema(schema)
+    for name in ("paper", "recommended"):
+        text = preset_text(name)
+        data = tomllib.loads(text)
+        assert check(data) and text.startswith("#:schema ./ars.schema.json\n")
+        for value, is_valid in ((2100.0, True), (-5.0, False), ("heavy", False)):
+            assert check({**data, "vehicle": {**data["vehicle"], "mass_kg": value}}) is is_valid
+        assert not check({**data, "vehicle": {**data["vehicle"], "mas_kg": 2100.0}})
+    mass = schema["$defs"]["Vehicle"]["properties"]["mass_kg"]
+    assert mass["description"] == "m, with the load of normal operation; 200 to 60000 kg"
 
 
 def test_progress_is_a_rising_share() -> None:
