@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, Literal, cast, get_args
+from typing import Any, Literal, cast
 
 from codegen import configuration
 from codegen.configuration import Config
@@ -15,7 +15,6 @@ from codegen.emit.evidence import placement_line, placement_summary
 from codegen.emit.folder import verify_hashes
 from codegen.emit.from_files import Prepared, prepare_map
 from codegen.emit.manifest import read_build
-from codegen.emit.text import Precision
 from codegen.emit.write import check_target
 from codegen.errors import CheckFailed, CodegenError, within
 from codegen.judgement.check import all_warnings
@@ -23,7 +22,7 @@ from codegen.judgement.model import of_map
 from codegen.library.configurations import ConfigLike, given_config
 from codegen.library.maps import Map, MapLike, map_of, place_of
 from codegen.library.quantities import MEMORY, YAW_RATE
-from codegen.library.result import PathLike, Progress, Result, Work, path_of
+from codegen.library.result import PathLike, Progress, Result, Work, path_of, public
 from codegen.map_file.map import choose_config
 from codegen.plausibility.map import require_grip
 
@@ -116,6 +115,7 @@ BuildLike = Build | PathLike
 """A build, or the path of its folder."""
 
 
+@public
 def load_build(folder: PathLike) -> Build:
     """Read a folder made by `build`. Raises CodegenError if it is none."""
     place = path_of(folder, "a build")
@@ -128,6 +128,7 @@ def folder_of(given: Any) -> Path:
     return given.folder if isinstance(given, Build) else path_of(given, "a build")
 
 
+@public
 def build(
     map: MapLike,
     folder: PathLike | None = None,
@@ -162,8 +163,6 @@ def build(
     """
     request = _request(max_error, max_flash, storage)
     target = None if folder is None else path_of(folder, "a folder")
-    if precision not in get_args(Precision):
-        raise CodegenError(f"there is no precision {precision!r}", remedy=f"known: {', '.join(get_args(Precision))}")
     if request is not None and target is not None:
         check_target(target)  # before a search, which takes long
     given = given_config(config)
@@ -195,8 +194,6 @@ def _name(map: MapLike, path: Path | None, target: Path | None) -> str:
 
 def _request(max_error: str | None, max_flash: str | None, storage: Storage | None) -> Request | None:
     """Return the target for choosing breakpoints; None without one."""
-    if storage not in (None, *get_args(Storage)):
-        raise CodegenError(f"there is no storage {storage!r}", remedy=f"known: {', '.join(get_args(Storage))}")
     if max_error is None and max_flash is None:
         if storage is not None:
             remedy = "add --max-error or --max-flash, such as --max-error 0.05deg/s"

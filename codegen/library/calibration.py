@@ -17,7 +17,7 @@ from codegen.export.calibration.sets import READERS, CalibrationSet, Difference,
 from codegen.files import write_atomically
 from codegen.library.builds import BuildLike, edited_notes, folder_of
 from codegen.library.logs import paths_of
-from codegen.library.result import PathLike, Progress, Result, Work, drawn, path_of
+from codegen.library.result import PathLike, Progress, Result, Work, drawn, path_of, public
 from codegen.map_file import map as npz
 from codegen.report.calibration_plots import CurveChange, ValueChange, calibration_figure
 from codegen.text_table import text_table
@@ -183,6 +183,7 @@ def no_format(path: Path) -> CodegenError:
     )
 
 
+@public
 def calibrate(
     build: BuildLike,
     files: PathLike | Sequence[PathLike] = (),

@@ -8,14 +8,16 @@ from collections.abc import Mapping
 from contextlib import closing, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+from annotated_types import Ge, Interval
 
 from codegen.emit.outputs import check_output
 from codegen.errors import CodegenError
 from codegen.export import runs as exported
 from codegen.files import write_together
 from codegen.library.builds import edited_notes
-from codegen.library.result import PathLike, Progress, Result, Work, drawn, path_of
+from codegen.library.result import PathLike, Progress, Result, Work, drawn, path_of, public
 from codegen.map_file import map as npz
 from codegen.report.campaign import again, factors_of, markdown, pictures, sections
 from codegen.report.scenario_plots import scenario_figure
@@ -128,13 +130,14 @@ class Campaign(Result):
         return {**facts, **files, **self.summary, "pictures": [str(one) for one in self.pictures]}
 
 
+@public
 def sweep(
     spec: PathLike | None,
     folder: PathLike,
     *,
     measured: PathLike | None = None,
     scheduler: str | None = None,
-    workers: int | None = None,
+    workers: Annotated[int, Interval(ge=1, le=1024)] | None = None,
     isa: Isa | None = None,
     progress: Progress | None = None,
 ) -> Campaign:
@@ -220,9 +223,10 @@ class Replay(Result):
         return {**facts, **row}
 
 
+@public
 def replay(
     spec: PathLike | None,
-    run: int,
+    run: Annotated[int, Ge(0)],
     *,
     measured: PathLike | None = None,
     folder: PathLike | None = None,

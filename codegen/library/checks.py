@@ -11,7 +11,7 @@ from codegen.judgement.model import Judgement
 from codegen.library.builds import Build
 from codegen.library.configurations import ConfigLike, given_config
 from codegen.library.maps import Map, place_of
-from codegen.library.result import PathLike, Progress, Result, Work, path_of
+from codegen.library.result import PathLike, Progress, Result, Work, path_of, public
 from codegen.map_file.map import choose_config
 
 
@@ -49,6 +49,7 @@ class Check(Result):
         }
 
 
+@public
 def check(
     subject: Map | Build | Config | PathLike,
     config: ConfigLike | None = None,

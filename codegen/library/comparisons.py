@@ -9,7 +9,7 @@ from codegen.emit.laws import law_of
 from codegen.errors import CodegenError, MapError, within
 from codegen.library.configurations import ConfigLike, given_config
 from codegen.library.maps import Map, MapLike, map_of, place_of
-from codegen.library.result import PathLike, Progress, Result, Work, drawn
+from codegen.library.result import PathLike, Progress, Result, Work, drawn, public
 from codegen.map_file.map import choose_config
 from codegen.optimum.nonlinear import slip_use
 from codegen.report.flash import HEADER, flash_dict, flash_figure, flash_headline, flash_rows
@@ -64,6 +64,7 @@ class Difference(Result):
         return {"map": place_of(self._first), "against": place_of(self._second), **self._found.to_dict()}
 
 
+@public
 def compare(first: MapLike, second: MapLike, *, progress: Progress | None = None) -> Difference:
     """Compare two maps, or their paths, where both are defined. Raises CodegenError if they have no point in common."""
     one, other = map_of(first), map_of(second)
@@ -95,6 +96,7 @@ class FlashSizes(Result):
         return {"map": place_of(self._map), **flash_dict(self._found)}
 
 
+@public
 def flash_sizes(map: MapLike, config: ConfigLike | None = None, *, progress: Progress | None = None) -> FlashSizes:
     """Choose breakpoints for errors from 1 to 0.02 deg/s, and return the bytes of the tables; takes minutes.
 

@@ -9,17 +9,19 @@ from codegen import configuration
 from codegen.configuration import Config, Preset, preset_text
 from codegen.errors import CodegenError, suggestion
 from codegen.files import make_folder, write_atomically
-from codegen.library.result import PathLike, Result, path_of
+from codegen.library.result import PathLike, Result, path_of, public
 
 ConfigLike = Config | PathLike
 """A configuration, or the path of its `ars.toml`."""
 
 
+@public
 def load_config(path: PathLike) -> Config:
     """Read and check an `ars.toml`. Raises CodegenError with the file, the key and the remedy."""
     return configuration.load(path_of(path, "an ars.toml"))
 
 
+@public
 def preset(name: str = "recommended") -> Config:
     """Return the published car with the "recommended" controller, or with that of the "paper". Raises CodegenError."""
     return configuration.preset(_known(name))
@@ -37,6 +39,7 @@ def given_config(config: Any) -> Config | Path | None:
     return config if config is None or isinstance(config, Config) else path_of(config, "a configuration")
 
 
+@public
 def schema() -> dict[str, Any]:
     """Return the JSON Schema of `ars.toml`, for completion in editors. Only `load_config` checks the rules between keys."""
     found = Config.model_json_schema()
@@ -69,6 +72,7 @@ class NewConfig(Result):
         return {"configuration": str(self.path)}
 
 
+@public
 def init(folder: PathLike, preset: str = "recommended") -> NewConfig:
     """Create `folder`/ars.toml, the published vehicle with comments and units, to edit. Raises CodegenError if it exists."""
     name, place = _known(preset), path_of(folder, "a folder")

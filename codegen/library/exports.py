@@ -20,7 +20,7 @@ from codegen.export.fmu.export import make_fmu
 from codegen.export.fmu.variables import WITH_BUS, Version, What
 from codegen.files import write_atomically
 from codegen.library.builds import BuildLike, edited_notes, folder_of
-from codegen.library.result import PathLike, Progress, Result, Work, path_of
+from codegen.library.result import PathLike, Progress, Result, Work, path_of, public
 from codegen.text_table import text_table
 
 A2L_SUFFIX, FMU_SUFFIX = ".a2l", ".fmu"
@@ -54,6 +54,7 @@ class Export(Result):
         return {**self.facts}
 
 
+@public
 def export(
     build: BuildLike,
     what: Literal["fmu", "a2l", "arxml", "firmware"],

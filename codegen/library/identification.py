@@ -26,7 +26,7 @@ from codegen.identify.reading import Reading
 from codegen.identify.reading import read_drives as read
 from codegen.identify.result import identified_toml
 from codegen.library.logs import names_of, paths_of
-from codegen.library.result import PathLike, Progress, Result, Work, path_of
+from codegen.library.result import PathLike, Progress, Result, Work, path_of, public
 from codegen.logs.account import to_dict
 from codegen.report.html.drive_plan import plan_sections
 from codegen.report.html.identify import data_section, identify_sections
@@ -87,6 +87,7 @@ def reading_as_json(reading: Reading) -> dict[str, Any]:
     return {"drives": drives, "findings": [dataclasses.asdict(each) for each in reading.findings]}
 
 
+@public
 def read_drives(
     logs: Paths,
     dbc: Paths = (),
@@ -167,6 +168,7 @@ class Identification(Result):
         return {**self.drives.to_dict(), **summary.to_dict(self._outcome), **self.written}
 
 
+@public
 def identify(
     config: PathLike,
     logs: Paths,
@@ -247,6 +249,7 @@ def refuse_plan_folder(folder: Path) -> None:
     refuse_folder(folder, MANIFEST_WHAT, "a measurement programme", "--plan")
 
 
+@public
 def plan_drives(
     config: PathLike,
     *,

@@ -17,7 +17,7 @@ from codegen.importing.tyre import AxleImport, TyreImport
 from codegen.importing.tyre import import_tyres as read_tyres
 from codegen.library.logs import paths_of
 from codegen.library.maps import Map
-from codegen.library.result import PathLike, Result, path_of
+from codegen.library.result import PathLike, Result, path_of, public
 from codegen.report.summary import map_summary
 from codegen.text_table import text_table
 
@@ -50,6 +50,7 @@ class ImportedMap(Map):
         return {**found, "variables": self._columns, **map_summary(self.reference_map).to_dict()}
 
 
+@public
 def import_map(
     path: PathLike,
     *,
@@ -107,6 +108,7 @@ class ImportedTyres(Result):
         return {"configuration": str(self.path), **self._imported.to_dict(), "notes": list(self.notes)}
 
 
+@public
 def import_tyres(
     files: PathLike | Sequence[PathLike], config: PathLike, *, peak: Literal["file", "road"] = "file"
 ) -> ImportedTyres:

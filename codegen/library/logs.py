@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from codegen.identify.names import Names, load_names
-from codegen.library.result import PathLike, Progress, Result, Work, path_of
+from codegen.library.result import PathLike, Progress, Result, Work, path_of, public
 from codegen.logs import account, measurement
 from codegen.logs.account import BusLog
 from codegen.logs.databases import Databases
@@ -61,6 +61,7 @@ def names_of(signals: PathLike | None, channel: str | None) -> Names:
     return names if channel is None else names.model_copy(update={"channel": channel})
 
 
+@public
 def log(
     path: PathLike,
     dbc: PathLike | Sequence[PathLike] = (),

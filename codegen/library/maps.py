@@ -15,7 +15,7 @@ from codegen.emit.outputs import check_output
 from codegen.errors import CodegenError, within
 from codegen.judgement.model import MISSING, Judgement, of_map
 from codegen.library.configurations import ConfigLike, given_config
-from codegen.library.result import PathLike, Progress, Result, Work, drawn, path_of
+from codegen.library.result import PathLike, Progress, Result, Work, drawn, path_of, public
 from codegen.map_file import archive
 from codegen.map_file import map as npz
 from codegen.map_file.map import Chosen, ReferenceMap, choose_config
@@ -171,6 +171,7 @@ MapLike = Map | PathLike
 """A map, or the path of its `.npz`."""
 
 
+@public
 def load_map(path: PathLike) -> Map:
     """Read and check a map. Raises CodegenError with the file, the key and the index of the first fault."""
     place = path_of(path, "a map")
@@ -249,6 +250,7 @@ def _cost(uncertain: UncertainMap) -> dict[str, Any]:
     }
 
 
+@public
 def solve(
     config: ConfigLike | None = None,
     case: str = "4ws-2",
@@ -275,8 +277,6 @@ def solve(
     """
     if friction is not None and longitudinal_acceleration is not None:
         raise CodegenError("a map has one stack", where=ACCELERATION_OPTION, remedy="leave it or --friction out")
-    if method not in ("exact", "ipopt"):
-        raise CodegenError(f"there is no method {method!r}", remedy="known: exact, ipopt")
     if share is not None:
         others: Mapping[str, object] = {
             "--friction": friction,

@@ -13,7 +13,7 @@ from codegen.files import write_atomically
 from codegen.library.builds import BuildLike, folder_of
 from codegen.library.logs import paths_of
 from codegen.library.maps import Map, MapLike, map_of
-from codegen.library.result import PathLike, Progress, Result, Work, path_of
+from codegen.library.result import PathLike, Progress, Result, Work, path_of, public
 from codegen.library.runs import CONTROLLED, Run
 from codegen.report.html.gather import Request, gather, read
 from codegen.report.html.inputs import named
@@ -49,6 +49,7 @@ class Report(Result):
         return f"<pre>{''.join(self.lines())}</pre>"
 
 
+@public
 def report(
     map: MapLike,
     path: PathLike,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from codegen.library.result import PathLike, Progress, Result, Work, path_of
+from codegen.library.result import PathLike, Progress, Result, Work, path_of, public
 
 
 class Paper(Result):
@@ -26,6 +26,7 @@ class Paper(Result):
         return self._found.to_dict()
 
 
+@public
 def paper(folder: PathLike, *, progress: Progress | None = None) -> Paper:
     """Reproduce the paper: solve its three maps, build the C, run C1 and C2, and compare its tables with ours.
 

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import functools
+import inspect
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar, cast
+
+from pydantic import ConfigDict, ValidationError, validate_call
 
 from codegen import console
-from codegen.errors import CheckFailed, CodegenError
+from codegen.errors import CheckFailed, CodegenError, one_line, suggestion
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -18,6 +22,46 @@ Progress = Callable[[float], object]
 """A function that is called with the share of the work that is done, from 0 to 1."""
 
 PathLike = str | Path
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def public(function: Function) -> Function:
+    """Check the types of a public function's arguments against its annotations. Wrong ones are a CodegenError."""
+    checked: list[Callable[..., Any]] = []  # made at the first call, as that takes some milliseconds
+
+    @functools.wraps(function)
+    def call(*arguments: Any, **named: Any) -> Any:
+        if not checked:
+            checked.append(validate_call(config=ConfigDict(arbitrary_types_allowed=True))(function))
+        try:
+            return checked[0](*map(_plain, arguments), **{name: _plain(value) for name, value in named.items()})
+        except ValidationError as error:
+            if error.title != function.__name__:  # raised inside
+                raise
+            raise _wrong_argument(function, error) from None
+
+    return cast(Function, call)
+
+
+def _plain(value: Any) -> Any:
+    """Return arrays and numbers of NumPy as those of Python."""
+    return value.tolist() if hasattr(value, "tolist") else value
+
+
+def _wrong_argument(function: Callable[..., Any], error: ValidationError) -> CodegenError:
+    """Return the error for the first wrong argument."""
+    fault = error.errors(include_url=False)[0]
+    known = list(inspect.signature(function).parameters)
+    place = fault["loc"][0]
+    name, where = known[place] if isinstance(place, int) and place < len(known) else str(place), f"codegen.{function.__name__}"
+    if fault["type"] in ("unexpected_keyword_argument", "unexpected_positional_argument"):
+        return CodegenError(
+            f"there is no argument {name!r}", where=where, remedy=f"known: {', '.join(known)}{suggestion(name, known)}"
+        )
+    if fault["type"].startswith("missing_argument"):
+        return CodegenError(f"the argument {name!r} is missing", where=where, remedy=f"its arguments are {', '.join(known)}")
+    remedy = str(fault["msg"]).replace("Input should be", "give")
+    return CodegenError(f"{one_line(repr(fault['input']), 60)} is no {name}", where=where, remedy=remedy)
 
 
 class Result:
@@ -76,8 +120,6 @@ class Work:
     """
 
     def __init__(self, progress: Progress | None, stages: int = 1) -> None:
-        if progress is not None and not callable(progress):
-            raise CodegenError("progress is not callable", remedy="give a function of a share from 0 to 1")
         self._progress, self._stages, self._done, self._share = progress, stages, 0, 0.0
         self._is_shown = progress is console.shown
 

@@ -6,7 +6,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from annotated_types import Ge
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
@@ -16,7 +18,7 @@ from codegen.errors import CheckFailed, CodegenError, suggestion
 from codegen.export import runs as exported
 from codegen.library.builds import BuildLike, edited_notes, folder_of
 from codegen.library.maps import MapLike, map_of, place_of
-from codegen.library.result import PathLike, Progress, Result, Work, drawn, path_of
+from codegen.library.result import PathLike, Progress, Result, Work, drawn, path_of, public
 from codegen.plausibility.car import car_warnings
 from codegen.report.bus_tables import HEADER, bus_facts, bus_lines, fault_data, fault_rows
 from codegen.report.summary import metric_rows
@@ -203,6 +205,7 @@ class Run(Result):
         return {**given.facts, **results, **bus, "files": self.written}
 
 
+@public
 def run(
     build: BuildLike,
     scenario: str | Path = DEFAULT,
@@ -216,7 +219,7 @@ def run(
     clock_drift_ppm: float | None = None,
     jitter_ms: float | None = None,
     sensors: bool = False,
-    seed: int = 0,
+    seed: Annotated[int, Ge(0)] = 0,
     progress: Progress | None = None,
 ) -> Run:
     """Run the C of a build in closed loop with a simulated car, and the same car with straight rear wheels.
@@ -286,15 +289,13 @@ def _settings(speed_km_h: float | None, steering_wheel_angle_deg: float | None) 
     settings = {key: value for key, value in given.items() if value is not None}
     for key, value in settings.items():
         low, high = RANGES[key]
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= high:
+        if not low <= value <= high:
             raise CodegenError(f"{value!r} is not a number from {low:g} to {high:g}", where=key, remedy="correct the value")
     return settings
 
 
 def _refuse(plant: str, through_can: bool, drift_ppm: float | None, jitter_ms: float | None, sensors: bool) -> None:
     """Raise CodegenError for options that do not go together."""
-    if plant not in ("two-track", "roll"):
-        raise CodegenError(f"there is no plant {plant!r}", where="--plant", remedy="known: two-track, roll")
     if plant != "two-track" and through_can:
         raise CodegenError("runs through CAN frames support only the two-track car", where="--plant", remedy="leave --can out")
     if sensors and not through_can:
@@ -351,6 +352,7 @@ class Scenarios(Result):
         return [asdict(entry) for entry in self._listed]
 
 
+@public
 def scenarios() -> Scenarios:
     """Return the built-in scenarios."""
     return Scenarios()
@@ -380,6 +382,7 @@ class Faults(Result):
         return {"build": str(self._folder), "bus": self._bus, "faults": self.outcomes}
 
 
+@public
 def faults(
     build: BuildLike,
     *,

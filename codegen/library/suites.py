@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+from annotated_types import Ge, Interval
 
 from codegen.errors import CheckFailed, CodegenError, suggestion
 from codegen.files import make_folder
 from codegen.library.builds import BuildLike, edited_notes, folder_of
-from codegen.library.result import PathLike, Progress, Result, Work, drawn, path_of
+from codegen.library.result import PathLike, Progress, Result, Work, drawn, path_of, public
 from codegen.library.verification import without_main
 from codegen.report import suite_plots
 from codegen.report.reference_tables import reference_sections
@@ -105,12 +107,13 @@ class Suite(Result):
         return {**self._facts, **self.result.to_dict(), **self._more, **pictures}
 
 
+@public
 def suite(
     build: BuildLike | None,
     name: str = "tracking",
     *,
-    cars: int | None = None,
-    seed: int | None = None,
+    cars: Annotated[int, Interval(ge=1, le=1000)] | None = None,
+    seed: Annotated[int, Ge(0)] | None = None,
     limits: PathLike | None = None,
     progress: Progress | None = None,
 ) -> Suite:
@@ -156,8 +159,6 @@ def _limits(path: PathLike | None) -> Limits:
 
 
 def _cars(count: int, seed: int, limits: Limits, progress: Progress | None) -> Suite:
-    if not 1 <= count <= 1000:
-        raise CodegenError(f"{count} cars", where="--cars", remedy="give a number from 1 to 1000")
     with Work(progress).stage(f"{count} cars") as steps, without_main():
         result = random_cars.run_cars(seed, count, steps, limits)
     failure = None

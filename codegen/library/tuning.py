@@ -18,7 +18,7 @@ from codegen.judgement.judge import judge_tuned
 from codegen.judgement.model import Judgement
 from codegen.library.configurations import ConfigLike, given_config
 from codegen.library.maps import Map, MapLike, map_of, place_of
-from codegen.library.result import Progress, Work
+from codegen.library.result import Progress, Work, public
 from codegen.map_file import map as npz
 from codegen.map_file.judged import KEY, with_judgement
 from codegen.map_file.map import Chosen, ReferenceMap, choose_config
@@ -136,6 +136,7 @@ class TunedMap(Map):
         }
 
 
+@public
 def tune(map: MapLike, config: ConfigLike | None = None, *, progress: Progress | None = None) -> TunedMap:
     """Design the gains of a map's controller, judge the car with it, and return the map with both.
 

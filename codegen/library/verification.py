@@ -13,7 +13,7 @@ from codegen.emit import requirements
 from codegen.errors import CheckFailed
 from codegen.files import write_atomically
 from codegen.library.builds import BuildLike, edited_notes, folder_of
-from codegen.library.result import PathLike, Progress, Result, Work, path_of
+from codegen.library.result import PathLike, Progress, Result, Work, path_of, public
 from codegen.plausibility.build import read_record
 from codegen.requirements import packages_of, pip_install
 from codegen.sil.software import require_can_side
@@ -75,6 +75,7 @@ class Verification(Result):
         return self._found
 
 
+@public
 def verify(build: BuildLike, *, quick: bool = False, progress: Progress | None = None) -> Verification:
     """Verify the C of a build, and write `verify.json` and `verify.md`, the safety manual, into its folder.
 

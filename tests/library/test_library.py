@@ -71,7 +71,8 @@ def test_the_schema_of_a_configuration() -> None:
 def test_progress_is_a_rising_share() -> None:
     shares: list[float] = []
     few = {"grid.speed_points": 4, "grid.front_angle_points": 3}
-    ars.solve(ars.preset("paper").replace(few), method="ipopt", progress=shares.append)
+    frictions = np.array([0.5, 0.9])
+    ars.solve(ars.preset("paper").replace(few), method="ipopt", friction=frictions, progress=shares.append)
     assert shares == sorted(set(shares)) and 0.0 < shares[0] < shares[-1] == 1.0
 
 
@@ -104,6 +105,7 @@ def test_columns_metrics_and_tables_of_a_run(run: ars.Run, folder: Path) -> None
     assert "<img" in run._repr_html_() and "verdict: " in run._repr_html_()
 
 
+PAPER = ROOT / "generated/4ws2-paper.npz"
 WRONG: dict[str, tuple[Any, str]] = {
     "key": (lambda _: ars.preset("paper").replace({"vehicle.mas_kg": 1.0}), "mas_kg: unknown key; did you mean 'mass_kg'?"),
     "value": (lambda _: ars.preset("paper").replace({"vehicle.mass_kg": -5.0}), "vehicle.mass_kg: -5 is outside"),
@@ -111,20 +113,28 @@ WRONG: dict[str, tuple[Any, str]] = {
     "preset": (lambda _: ars.preset("papper"), "there is no preset 'papper'; known: paper, recommended; did you mean 'paper'?"),
     "case": (lambda _: ars.solve(ars.preset("paper"), case="4ws2"), "there is no case '4ws2'; known cases: "),
     "file": (lambda _: ars.load_config("none.toml"), "none.toml: cannot be read"),
-    "configuration": (lambda _: ars.solve(5), "a configuration is needed, not int; give its path as text"),
+    "configuration": (lambda _: ars.solve(5), "codegen.solve: 5 is no config; give "),
     "map": (lambda _: ars.load_map("none.npz"), "none.npz: cannot be read"),
-    "argument that is no map": (lambda _: ars.tune(None), "a map is needed, not NoneType"),
+    "argument that is no map": (lambda _: ars.tune(None), "codegen.tune: None is no map; give "),
     "table": (lambda _: ars.Map.from_arrays([1.0, 2.0], [0.0], [[1.0], [1.0, 2.0]]), "the rows have different lengths"),
     "folder that is no build": (lambda here: ars.load_build(here), "manifest.json"),
-    "prefix": (lambda _: ars.build(ROOT / "generated/4ws2.npz", "x", prefix="1"), "prefix"),
-    "precision": (lambda _: ars.build(ROOT / "generated/4ws2.npz", "x", precision="half"), "there is no precision 'half'"),
+    "prefix": (lambda _: ars.build(PAPER, "x", prefix="1"), "prefix"),
+    "precision": (
+        lambda _: ars.build(PAPER, "x", precision="half"),
+        "'half' is no precision; give 'single' or 'double'",
+    ),
     "unit": (
-        lambda _: ars.build(ROOT / "generated/4ws2.npz", "x", max_error="5 m"),
+        lambda _: ars.build(PAPER, "x", max_error="5 m"),
         "'5 m' is in 'm'; give a number",
     ),
     "suite": (lambda _: ars.suite(None, "trackin"), "there is no suite 'trackin'; known: "),
-    "progress": (lambda _: ars.solve(progress=1), "progress is not callable"),
-    "subject": (lambda _: ars.check(3.0), "a configuration, a map or a build is needed, not float"),
+    "progress": (lambda _: ars.solve(progress=1), "1 is no progress; give callable"),
+    "name of an argument": (lambda _: ars.solve(cases="fws"), "there is no argument 'cases'; known: config, case, "),
+    "missing argument": (lambda _: ars.tune(), "codegen.tune: the argument 'map' is missing"),
+    "changes": (lambda _: ars.preset("paper").replace([("vehicle.mass_kg", 1.0)]), "the changes are no dictionary"),
+    "frictions": (lambda _: ars.solve(friction="high"), "codegen.solve: 'high' is no friction; "),
+    "cars": (lambda _: ars.suite(None, "cars", cars=0), "codegen.suite: 0 is no cars; give greater than or equal to 1"),
+    "subject": (lambda _: ars.check(3.0), "codegen.check: 3.0 is no subject; give "),
 }
 
 
@@ -141,10 +151,11 @@ def test_wrong_input_is_one_line(what: str, tmp_path: Path, monkeypatch: pytest.
 def test_wrong_input_of_a_run_is_one_line(build: ars.Build, run: ars.Run) -> None:
     for scenario, options, words in (
         ("step-stear", {}, "there is no scenario 'step-stear'; known: "),
-        ("step-steer", {"speed_km_h": "fast"}, "speed_km_h: 'fast' is not a number from 1 to 400"),
+        ("step-steer", {"speed_km_h": "fast"}, "'fast' is no speed_km_h; give a valid number"),
         ("step-steer", {"speed_km_h": float("nan")}, "speed_km_h: nan is not a number"),
         ("split-friction", {"steering_wheel_angle_deg": 9.0}, "split-friction does not take it"),
-        ("step-steer", {"plant": "bus"}, "there is no plant 'bus'"),
+        ("step-steer", {"seed": -1}, "-1 is no seed; give greater than or equal to 0"),
+        ("step-steer", {"plant": "bus"}, "'bus' is no plant; give 'two-track' or 'roll'"),
     ):
         with pytest.raises(ars.CodegenError, match=words):
             ars.run(build, scenario, **options)
