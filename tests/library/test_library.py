@@ -1,6 +1,7 @@
 """The library from `import codegen` alone: the session of the guide, errors of input, and the names that are promised."""
 
 import inspect
+import os
 import subprocess
 import sys
 import tomllib
@@ -176,6 +177,20 @@ def test_the_import_is_fast_and_the_names_are_known() -> None:
     ]
     with pytest.raises(AttributeError, match="no attribute 'simulate'"):
         ars.simulate  # noqa: B018
+
+
+def test_processes_do_not_run_the_script_again(tmp_path: Path) -> None:
+    """`verify` and `suite` start processes, also from a script without `if __name__ == "__main__"`."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from codegen.library.verification import without_main\nfrom hil_sim.suite.background import Background\n\n"
+        "print('once')\n"
+        "with without_main(), Background() as background:\n    print(background.call(abs, -3).get())\n",
+        encoding="utf-8",
+    )
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run([sys.executable, script], env=environment, capture_output=True, text=True, check=False, timeout=300)
+    assert (done.returncode, done.stdout) == (0, "once\n3\n"), done.stderr
 
 
 def test_signatures() -> None:
