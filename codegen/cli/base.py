@@ -32,8 +32,9 @@ def show(result: Result, as_json: bool, plot: Path | EllipsisType | None = ...) 
         plot: the picture of a command that may draw one; None if it did not.
     """
     if as_json:
-        drawn = {} if plot is ... else {"plot": None if plot is None else str(plot)}
-        data = {**result.to_dict(), **drawn}
+        data = result.to_dict()
+        if plot is not ...:
+            data["plot"] = None if plot is None else str(plot)
         console.print_json(data)
         console.warn(*(() if "warnings" in data else result.warnings))
     else:

@@ -89,10 +89,9 @@ def sil(context: click.Context, /, suite: str | None, cars: int | None, limits_p
         seeded = context.get_parameter_source("seed") is click.core.ParameterSource.COMMANDLINE
         _refuse_with_suite(context, "seed" if suite == "cars" else "")
         seed = given["seed"] if seeded else None
-        if not given["as_json"]:
-            console.note(f"`codegen suite {suite}` is the new form of `codegen sil --suite {suite}`")
+        note = f"`codegen suite {suite}` is the new form of `codegen sil --suite {suite}`"
         named = {key: given[key] for key in ("build_path", "plot", "files", "as_json")}
-        SuiteChoices(**named, cars=cars, seed=seed, limits_path=limits_path).run(suite)
+        SuiteChoices(**named, cars=cars, seed=seed, limits_path=limits_path).run(suite, note)
         return
     if cars is not None:
         raise CodegenError("random cars belong to their suite", where="--cars", remedy="use codegen suite cars")

@@ -29,8 +29,8 @@ class SuiteChoices:
     limits_path: Path | None
     as_json: bool
 
-    def run(self, name: str) -> None:
-        """Run a suite, draw its pictures, and print and judge its results. Raises CodegenError, CheckFailed."""
+    def run(self, name: str, note: str = "") -> None:
+        """Run a suite, draw its pictures, and print and judge its results after a note. Raises CodegenError, CheckFailed."""
         self._check(name)
         found = codegen.suite(
             self.build_path, name, cars=self.cars, seed=self.seed, limits=self.limits_path, progress=console.shown
@@ -39,6 +39,8 @@ class SuiteChoices:
             found.plot(self.plot)
         for folder in self.files:
             found.plot_all(folder)
+        if note and not self.as_json:
+            console.note(note)
         show(found, self.as_json)
 
     def _check(self, name: str) -> None:

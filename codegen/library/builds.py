@@ -108,7 +108,7 @@ class NewBuild(Build):
             return {"build": str(self.folder), **found}
         placed = {"placement": placement_summary(self.manifest)} if self._has_request else {}
         told = {"notes": list(self.notes), "warnings": list(self.warnings)}
-        return {**super().to_dict(), "changed": self.changed, **placed, **told}
+        return {"build": str(self.folder), "changed": self.changed, **super().to_dict(), **placed, **told}
 
 
 BuildLike = Build | PathLike

@@ -68,6 +68,7 @@ def files(here: Path) -> None:
         (f"build --map {MAP} -o itself", "itself: "),
         (f"firmware --build {BUILD} -o itself", "itself: it is a link to itself"),
         ("suite trakking", "did you mean 'tracking'"),
+        ("sil --suite trakking", "did you mean 'tracking'"),
         ("suite cars --plot x.png", "--plot: this suite draws no pictures; leave it out"),
         (f"suite cars --build {BUILD}", "--build: the cars of this suite have builds of their own; leave it out"),
         ("sil --cars 3", "--cars: random cars belong to their suite; use codegen suite cars"),
