@@ -44,6 +44,8 @@ if TYPE_CHECKING:
     from codegen.library.configurations import schema as schema
     from codegen.library.exports import Export as Export
     from codegen.library.exports import export as export
+    from codegen.library.faults import Faults as Faults
+    from codegen.library.faults import faults as faults
     from codegen.library.identification import DrivePlan as DrivePlan
     from codegen.library.identification import Drives as Drives
     from codegen.library.identification import Identification as Identification
@@ -66,12 +68,10 @@ if TYPE_CHECKING:
     from codegen.library.reproduction import paper as paper
     from codegen.library.result import Progress as Progress
     from codegen.library.result import Result as Result
-    from codegen.library.runs import Faults as Faults
     from codegen.library.runs import Run as Run
-    from codegen.library.runs import Scenarios as Scenarios
-    from codegen.library.runs import faults as faults
     from codegen.library.runs import run as run
-    from codegen.library.runs import scenarios as scenarios
+    from codegen.library.scenarios import Scenarios as Scenarios
+    from codegen.library.scenarios import scenarios as scenarios
     from codegen.library.suites import Suite as Suite
     from codegen.library.suites import suite as suite
     from codegen.library.tuning import TunedMap as TunedMap
@@ -94,6 +94,7 @@ _NAMES = {
     "library.comparisons": ("Difference", "FlashSizes", "compare", "flash_sizes"),
     "library.configurations": ("NewConfig", "init", "load_config", "preset", "schema"),
     "library.exports": ("Export", "export"),
+    "library.faults": ("Faults", "faults"),
     "library.identification": ("DrivePlan", "Drives", "Identification", "identify", "plan_drives", "read_drives"),
     "library.imports": ("ImportedMap", "ImportedTyres", "import_map", "import_tyres"),
     "library.logs": ("Log", "log"),
@@ -101,7 +102,8 @@ _NAMES = {
     "library.reports": ("Report", "report"),
     "library.reproduction": ("Paper", "paper"),
     "library.result": ("Progress", "Result"),
-    "library.runs": ("Faults", "Run", "Scenarios", "faults", "run", "scenarios"),
+    "library.runs": ("Run", "run"),
+    "library.scenarios": ("Scenarios", "scenarios"),
     "library.suites": ("Suite", "suite"),
     "library.tuning": ("TunedMap", "tune"),
     "library.verification": ("Verification", "verify"),

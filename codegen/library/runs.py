@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -20,23 +20,19 @@ from codegen.library.builds import BuildLike, edited_notes, folder_of
 from codegen.library.maps import MapLike, map_of, place_of
 from codegen.library.result import PathLike, Progress, Result, Work, drawn, path_of, public
 from codegen.plausibility.car import car_warnings
-from codegen.report.bus_tables import HEADER, bus_facts, bus_lines, fault_data, fault_rows
+from codegen.report.bus_tables import bus_facts, bus_lines
 from codegen.report.summary import metric_rows
 from codegen.requirements import missing
 from codegen.sil.software import RECORD_COLUMNS, Software, load
 from codegen.text_table import text_table
 from hil_sim import bench, third_plant
 from hil_sim.bench import BenchResult
-from hil_sim.bus import BusAddress
-from hil_sim.fault_catalogue import FaultOutcome, run_all
 from hil_sim.metrics import Evaluation, coverage, evaluate, verdict
 from hil_sim.metrics.run import LookUp, column
 from hil_sim.metrics.run import Run as Recorded
 from hil_sim.metrics.verdict import Covers
 from hil_sim.scenario_files import with_settings
-from hil_sim.scenarios import DEFAULT, Scenario, find, listing
-from hil_sim.session import BuildFacts, Setup, run_hil
-from hil_sim.suite.subjects import of_folder
+from hil_sim.scenarios import DEFAULT, Scenario, find
 
 if TYPE_CHECKING:
     import pandas
@@ -259,6 +255,8 @@ def run(
         passive = drive.passive(software)
     beside = {}
     if baselines:
+        from hil_sim.suite.subjects import of_folder  # slow, and not needed for most runs
+
         with work.stage("baselines") as steps:
             comparison = of_folder(folder).comparison(steps)
         notes += comparison.notes
@@ -329,91 +327,3 @@ class _Drive:
         if self.plant == "roll":
             return third_plant.run(None, software.config, self.scenario, seed=self.seed)
         return bench.run(software, self.scenario, controlled=False)
-
-
-class Scenarios(Result):
-    """The built-in scenarios; `names` lists them."""
-
-    def __init__(self) -> None:
-        self._listed = listing()
-        self.names = tuple(each.name for each in self._listed)
-
-    def lines(self) -> list[str]:
-        """Return the scenarios with their descriptions, sources and bus faults."""
-        lines = []
-        for entry in self._listed:
-            lines += [f"{entry.name}: {entry.what} ({entry.duration_s:g} s)", f"    {entry.source}"]
-            lines += [f"    fault: {fault}" for fault in entry.faults]
-        own = "Your own: a recorded .csv, or a .toml with base, changes and [[faults]]; see docs/interface.md."
-        return [*lines, f"\n{own}"]
-
-    def to_dict(self) -> Any:
-        """Return a list of the same."""
-        return [asdict(entry) for entry in self._listed]
-
-
-@public
-def scenarios() -> Scenarios:
-    """Return the built-in scenarios."""
-    return Scenarios()
-
-
-class Faults(Result):
-    """The reaction of a controller to every fault on the bus.
-
-    Attributes:
-        outcomes: a dictionary for each fault.
-        wrong: names of the faults that did not end in their defined state.
-    """
-
-    def __init__(self, folder: Path, bus: str | None, outcomes: list[FaultOutcome], notes: Iterable[str]) -> None:
-        self._folder, self._bus, self._outcomes, self.notes = folder, bus, outcomes, tuple(notes)
-        self.outcomes = fault_data(outcomes)
-        self.wrong = tuple(each.case.name for each in outcomes if each.violations)
-        if self.wrong:
-            self.failure = CheckFailed(f"not as defined: {', '.join(self.wrong)}", where=folder, remedy="see the table")
-
-    def lines(self) -> list[str]:
-        """Return a row for each fault."""
-        return [text_table(HEADER, fault_rows(self._outcomes))]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the outcomes."""
-        return {"build": str(self._folder), "bus": self._bus, "faults": self.outcomes}
-
-
-@public
-def faults(
-    build: BuildLike,
-    *,
-    bus: str | None = None,
-    ecu: Literal["native", "cffi"] | None = None,
-    progress: Progress | None = None,
-) -> Faults:
-    """Inject every bus fault into the same turn-in, and compare the reaction with the defined one.
-
-    Args:
-        build: a build, or the path of its folder.
-        bus: of python-can, such as "socketcan:vcan0"; by default the run is in this process, without a bus.
-        ecu: on a bus, what runs the C; by default "cffi".
-        progress: called with the share of the work that is done.
-
-    Raises:
-        CodegenError: the C does not compile, or the bus cannot be opened.
-    """
-    folder, work = folder_of(build), Work(progress, 2)
-    if bus is None and ecu is not None:
-        raise CodegenError("without a bus there is no ECU to choose", where="--ecu", remedy="add --bus")
-    address, facts = None if bus is None else BusAddress.parse(bus), BuildFacts.read(folder)
-    with work.status(f"compiling {folder}"):
-        software = load(folder) if address is None else None
-
-    def drive(scenario: Scenario) -> BenchResult:
-        if software is not None:
-            return bench.run_through_can(software, scenario)
-        assert address is not None
-        return run_hil(Setup(facts.config, scenario, address, precision=facts.precision), folder, ecu or "cffi").result
-
-    with work.stage("faults") as tell:
-        outcomes = run_all(facts.config, drive, tell)
-    return Faults(folder, bus, list(outcomes), edited_notes(folder, facts.edited))
