@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from codegen.configuration import Config as Config
     from codegen.errors import CheckFailed as CheckFailed
     from codegen.errors import CodegenError as CodegenError
+    from codegen.library.building import NewBuild as NewBuild
+    from codegen.library.building import build as build
     from codegen.library.builds import Build as Build
-    from codegen.library.builds import NewBuild as NewBuild
-    from codegen.library.builds import build as build
     from codegen.library.builds import load_build as load_build
     from codegen.library.calibration import Calibration as Calibration
     from codegen.library.calibration import calibrate as calibrate
@@ -59,9 +59,7 @@ if TYPE_CHECKING:
     from codegen.library.logs import Log as Log
     from codegen.library.logs import log as log
     from codegen.library.maps import Map as Map
-    from codegen.library.maps import SolvedMap as SolvedMap
     from codegen.library.maps import load_map as load_map
-    from codegen.library.maps import solve as solve
     from codegen.library.reports import Report as Report
     from codegen.library.reports import report as report
     from codegen.library.reproduction import Paper as Paper
@@ -72,6 +70,8 @@ if TYPE_CHECKING:
     from codegen.library.runs import run as run
     from codegen.library.scenarios import Scenarios as Scenarios
     from codegen.library.scenarios import scenarios as scenarios
+    from codegen.library.solving import SolvedMap as SolvedMap
+    from codegen.library.solving import solve as solve
     from codegen.library.suites import Suite as Suite
     from codegen.library.suites import suite as suite
     from codegen.library.tuning import TunedMap as TunedMap
@@ -87,7 +87,8 @@ DISTRIBUTION = "ars-codegen"
 _NAMES = {
     "configuration": ("Config",),
     "errors": ("CheckFailed", "CodegenError"),
-    "library.builds": ("Build", "NewBuild", "build", "load_build"),
+    "library.building": ("NewBuild", "build"),
+    "library.builds": ("Build", "load_build"),
     "library.calibration": ("Calibration", "calibrate"),
     "library.campaigns": ("Campaign", "Replay", "replay", "sweep"),
     "library.checks": ("Check", "check"),
@@ -98,7 +99,8 @@ _NAMES = {
     "library.identification": ("DrivePlan", "Drives", "Identification", "identify", "plan_drives", "read_drives"),
     "library.imports": ("ImportedMap", "ImportedTyres", "import_map", "import_tyres"),
     "library.logs": ("Log", "log"),
-    "library.maps": ("Map", "SolvedMap", "load_map", "solve"),
+    "library.maps": ("Map", "load_map"),
+    "library.solving": ("SolvedMap", "solve"),
     "library.reports": ("Report", "report"),
     "library.reproduction": ("Paper", "paper"),
     "library.result": ("Progress", "Result"),
