@@ -65,15 +65,15 @@ generated: $(READY) ## the committed reference output in generated/, the picture
 	@$(BIN)/codegen solve --config build/recommended/ars.toml --case 4ws-2 -o generated/4ws2.npz
 	@$(BIN)/codegen tune --map generated/4ws2.npz -o generated/4ws2.npz
 	@$(BIN)/codegen build --map generated/4ws2.npz -o generated/4ws2
-	@$(BIN)/codegen sil --build generated/4ws2 --suite tracking --json --plot docs/images/tracking.png >build/tracking.json \
+	@$(BIN)/codegen suite tracking --build generated/4ws2 --json --plot docs/images/tracking.png >build/tracking.json \
 		|| test $$? = 1  # a missed requirement
-	@$(BIN)/codegen sil --build generated/4ws2 --suite references --plot docs/images/references.png >docs/suites/references.txt
+	@$(BIN)/codegen suite references --build generated/4ws2 --plot docs/images/references.png >docs/suites/references.txt
 	@$(BIN)/codegen sil --build generated/4ws2-paper --can --scenario ecu-loss --plot docs/images/ecu-loss.png >/dev/null
 	@$(BIN)/python -m scripts.guide --suite build/tracking.json --figures
 
 cars: $(READY) ## the record of the suite of random cars in the guide; ten minutes
 	@mkdir -p build
-	@$(BIN)/codegen sil --suite cars --cars 40 --seed 4 --json >build/cars.json || test $$? = 1  # a missed limit
+	@$(BIN)/codegen suite cars --cars 40 --seed 4 --json >build/cars.json || test $$? = 1  # a missed limit
 	@$(BIN)/python -m scripts.guide --cars build/cars.json
 
 wheel: $(READY) ## sdist, and the wheel built from it, in dist/

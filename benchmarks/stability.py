@@ -1,6 +1,6 @@
 """Computed against driven stability of random cars: cells where they differ, and what explains each.
 
-Each car is solved, tuned and built as by `codegen sil --suite cars`. Measures no time.
+Each car is solved, tuned and built as by `codegen suite cars`. Measures no time.
 """
 
 from __future__ import annotations

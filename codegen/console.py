@@ -87,10 +87,10 @@ def _is_screen(stream: TextIO | None) -> bool:
 
 
 @contextlib.contextmanager
-def status(title: str) -> Iterator[None]:
-    """Show a line during work of unknown length if standard error is a terminal; print nothing otherwise."""
+def status(title: str, *, quiet: bool = False) -> Iterator[None]:
+    """Show a line during work of unknown length if standard error is a terminal; print nothing otherwise, or if `quiet`."""
     title = printable(title)
-    if not _is_screen(sys.stderr):
+    if quiet or not _is_screen(sys.stderr):
         yield
         return
     from rich.console import Console
@@ -138,3 +138,8 @@ def progress(title: str) -> Iterator[Tell]:
             _print(f"{title}: {10 * tenths} %", sys.stderr)
 
     yield tell
+
+
+def shown(share: float) -> None:
+    """Mark progress that the terminal shows: functions of the library that get this callback show each stage with its title."""
+    del share

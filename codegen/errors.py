@@ -57,11 +57,11 @@ class CodegenError(Exception):
 
 @contextlib.contextmanager
 def within(place: object) -> Iterator[None]:
-    """Put `place`, usually a file, before the location of every error raised in the block."""
+    """Put `place`, usually a file, before the location of every error raised in the block; "" changes nothing."""
     try:
         yield
     except CodegenError as error:
-        where = f"{place}: {error.where}" if error.where else place
+        where = ": ".join(filter(None, (str(place), error.where)))
         raise type(error)(error.what, where=where, remedy=error.remedy) from error
 
 

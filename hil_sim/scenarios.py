@@ -94,6 +94,12 @@ class Scenario:
             parts.append(f"estimated {settings.friction_estimate:g}")
         return f"{self.subject}: {', '.join(parts)}" if parts else self.subject
 
+    def with_clocks(self, drift_ppm: float | None, jitter_ms: float | None) -> Scenario:
+        """Return the scenario with two clocks if one of the values is given."""
+        if drift_ppm is None and jitter_ms is None:
+            return self
+        return replace(self, clocks=Clocks(drift_ppm or 0.0, jitter_ms or 0.0))
+
     def road_path(self, config: Config) -> RoadPath | None:
         """Return the path for a car, DEPARTURE_TIME_S from the beginning; None if there is none."""
         return None if self.path is None else self.path(config, DEPARTURE_TIME_S * self.settings.speed)

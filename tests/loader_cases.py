@@ -23,7 +23,6 @@ import numpy as np
 from scipy.io import savemat
 
 from codegen import configuration
-from codegen.cli.identify_command import reading_as_json
 from codegen.configuration import preset, preset_text
 from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError, one_line
@@ -39,6 +38,7 @@ from codegen.identify.reading import read_drives
 from codegen.importing import child
 from codegen.importing.maps import Choices, import_map
 from codegen.importing.tyre import import_tyres
+from codegen.library.identification import reading_as_json
 from codegen.limits import MIB, Limits
 from codegen.map_file import map as npz
 from codegen.plausibility.build import build_warnings, folder_warnings, margins_line

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
+import codegen
 from codegen import console
-from codegen.cli.base import cli, example, json_option, note_edited
+from codegen.cli.base import cli, example, json_option, show
 from codegen.cli.options import build_option, folder_to_write
-
-if TYPE_CHECKING:
-    from codegen.export.arxml.export import Access, Protection
 
 
 @cli.command(
@@ -37,33 +34,10 @@ if TYPE_CHECKING:
     help="How the runnable reads the messages: by Rte_Read, or by Rte_IRead, which needs the transformer.",
 )
 @json_option
-def arxml(build_path: Path, output: Path, protection: Protection, access: Access, as_json: bool) -> None:
+def arxml(build_path: Path, output: Path, protection: str, access: str, as_json: bool) -> None:
     """Write the ARXML (R22-11) of a build, and the C between the RTE and the controller.
 
     The ARXML contains the software component with its types, ports, parameters and runnables, and the system with frames,
     signals and E2E protection. The C goes to the ECU project together with the sources of the build.
     """
-    from codegen.emit.outputs import refuse_folder
-    from codegen.emit.write import write_folder
-    from codegen.export.arxml.export import WHAT, export
-
-    refuse_folder(output, WHAT, "a description for AUTOSAR")
-    made = export(build_path, protection, access)
-    note_edited(build_path, made.edited, quiet=as_json)
-    changed = write_folder(made.folder, output)
-    files = [*sorted(made.folder.files), "manifest.json"]
-    if as_json:
-        console.print_json(
-            {
-                "build": str(build_path),
-                "autosar": str(output),
-                "e2e": protection,
-                "access": access,
-                "changed": changed,
-                "files": files,
-                "edited": list(made.edited),
-            }
-        )
-        return
-    state = "" if changed else " (unchanged)"
-    console.say(f"{output}: {len(files)} files{state}, E2E by the {protection}, {access} access; import {output / made.arxml}")
+    show(codegen.export(build_path, "arxml", output, e2e=protection, access=access, progress=console.shown), as_json)

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from types import EllipsisType
+from typing import TYPE_CHECKING
 
 import click
 
 from codegen import __version__, console
+
+if TYPE_CHECKING:
+    from codegen.library.result import Result
 
 PACKAGES = ("casadi", "numpy", "cffi", "python-can")
 """Packages whose version can change a result."""
@@ -18,6 +23,28 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print the re
 def example(text: str) -> str:
     """Return an epilog that click prints unchanged."""
     return f"\b\nExample:\n  {text}"
+
+
+def show(result: Result, as_json: bool, plot: Path | EllipsisType | None = ...) -> None:
+    """Print a result as JSON, or as lines with its notes and warnings. Raises CheckFailed if a check failed.
+
+    Args:
+        plot: the picture of a command that may draw one; None if it did not.
+    """
+    if as_json:
+        data = result.to_dict()
+        if plot is not ...:
+            data["plot"] = None if plot is None else str(plot)
+        console.print_json(data)
+        console.warn(*(() if "warnings" in data else result.warnings))
+    else:
+        console.note(*result.notes)
+        console.warn(*result.warnings)
+        console.say(*result.lines())
+        if isinstance(plot, Path):
+            console.say(f"\nplot: {plot}")
+    if result.failure is not None:
+        raise result.failure
 
 
 def note_edited(build: Path, edited: Sequence[str], *, quiet: bool = False) -> None:

@@ -10,12 +10,13 @@ from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
+import codegen
 from codegen import console
-from codegen.cli.base import cli, example, json_option, note_edited
+from codegen.cli.base import cli, example, json_option, note_edited, show
 from codegen.cli.options import (
     build_option,
     bus_names,
@@ -23,28 +24,18 @@ from codegen.cli.options import (
     clock_option,
     configuration_file,
     run_options,
-    with_clocks,
     xcp_option,
 )
 from codegen.errors import CheckFailed, CodegenError
 from codegen.files import resolved
-from codegen.text_table import text_table
 
 if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
-
     from codegen.configuration import Config
-    from hil_sim.bench import BenchResult, Cycle, Observer
-    from hil_sim.metrics.run import LookUp
-    from hil_sim.metrics.verdict import Covers
-    from hil_sim.scenarios import Scenario
-    from hil_sim.session import Setup
-
-    Runs = Mapping[str, npt.NDArray[np.float64]]
     from codegen.emit.text import Precision
+    from codegen.library.runs import Run
+    from hil_sim.bench import BenchResult, Cycle, Observer
     from hil_sim.bus import BusAddress
-    from hil_sim.session import EcuKind
+    from hil_sim.session import EcuKind, Setup
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,69 +80,17 @@ class Outputs:
                 raise CodegenError("it would be written twice", where=output, remedy="name each file once")
             seen.add(target)
 
-    @property
-    def written(self) -> dict[str, list[str]]:
-        """Return the files by kind, for JSON; kinds without a file are omitted."""
-        kinds = {"plot": (self.plot,), "recording": (self.csv, *self.files), "log": (self.log,)}
-        named = {kind: [str(path) for path in paths if path is not None] for kind, paths in kinds.items()}
-        return {kind: paths for kind, paths in named.items() if paths}
-
-    def tell(
-        self,
-        title: str,
-        config: Config,
-        scenario: Scenario,
-        runs: Runs,
-        result: BenchResult | None,
-        facts: Mapping[str, Any],
-        ecu_counters: str = "",
-        look_up: LookUp | None = None,
-        covers: Covers | None = None,
-    ) -> None:
-        """Write the outputs of a run and print its results.
-
-        Args:
-            result: bus statistics of a run through frames; None for other runs.
-            look_up, covers: lookup and coverage of the controller's map; None if unknown.
-        """
-        from codegen.export import runs as exported
-        from codegen.report.bus_tables import bus_facts, bus_lines
-        from codegen.report.scenario_plots import scenario_figure
-        from codegen.report.style import save
-        from codegen.report.summary import metric_rows
-        from hil_sim.logs import save_csv
-        from hil_sim.metrics import Run, evaluate, verdict
-
-        evaluation, period = evaluate(scenario, config, runs, look_up), config.controller.sampling_time_s
-        controlled = next(iter(evaluation.runs.values()))
-        driven = Run(next(iter(runs.values())), scenario, config, look_up)
-        judged = verdict(driven, controlled.metrics, controlled.spun_at, covers)
-        with console.status("writing") if self.written else nullcontext():
-            if self.csv is not None:
-                save_csv(runs["controlled"], self.csv)
-            for path in self.files:
-                exported.save(runs["controlled"], path, scenario.title)
+    def finish(self, run: Run) -> None:
+        """Write the files of a run and print its results."""
+        recordings = [path for path in (self.csv, *self.files) if path is not None]
+        with console.status("writing") if recordings or self.plot else nullcontext():
             if self.plot is not None:
-                save(scenario_figure(scenario, config, runs, title, look_up=look_up), self.plot)
-        if self.as_json:
-            bus = {} if result is None else {"bus_figures": bus_facts(result, period), "ecu_counters": ecu_counters or None}
-            console.print_json({**facts, "metrics": evaluation.to_dict(), "verdict": judged, **bus, "files": self.written})
-            return
-        console.say(f"{title}: {scenario.title}")
-        if facts.get("sensors", "ideal") != "ideal":
-            console.say(f"measured by the sensors of the configuration, {facts['sensors']}")
-        console.say(text_table(("", *evaluation.runs), metric_rows(evaluation)))
-        console.say(judged)
-        if result is not None:
-            if not result.received["commands"]:
-                console.note("no ECU sent a command; the rear wheels did not move")
-            console.say("")
-            console.say(*bus_lines(result, period))
-            if ecu_counters:
-                console.say(f"ECU: {ecu_counters}")
-        for kind, names in self.written.items():
-            for name in names:
-                console.say(f"{kind}: {name}")
+                run.plot(self.plot)
+            for path in recordings:
+                run.save(path)
+        if self.log is not None:
+            run.written["log"] = [str(self.log)]
+        show(run, self.as_json)
 
 
 @contextmanager
@@ -190,7 +129,7 @@ class Choices(Outputs):
 
         return Setup(
             config=config,
-            scenario=with_clocks(find(self.scenario, config), self.drift_ppm, self.jitter_ms),
+            scenario=find(self.scenario, config).with_clocks(self.drift_ppm, self.jitter_ms),
             address=BusAddress.parse(self.bus),
             lock_step=self.lock_step,
             precision=precision,
@@ -220,7 +159,7 @@ def hil(build_path: Path, kind: EcuKind, xcp: bool, **given: Any) -> None:
 
     The ECU is started and stopped here, unless it is external. The passive car is simulated for comparison.
     """
-    from hil_sim.session import BuildFacts, check_xcp, passive, run_hil
+    from hil_sim.session import BuildFacts, check_xcp, run_hil
 
     check_xcp(kind, xcp=xcp)
     chosen = Choices(**given)
@@ -230,10 +169,9 @@ def hil(build_path: Path, kind: EcuKind, xcp: bool, **given: Any) -> None:
     note_edited(build_path, facts.edited, quiet=chosen.as_json)
     with live_view(setup, kind, quiet=chosen.as_json) as observe:
         ran = run_hil(setup, build_path, kind, observe, xcp=xcp)
-    runs = {"controlled": ran.result.record, "passive": passive(setup.config, setup.scenario)}
     title = f"{build_path} on {setup.address}, ECU {kind}, {setup.clock}"
     described = {"build": str(build_path), "ecu": kind, **setup.describe()}
-    chosen.tell(title, setup.config, setup.scenario, runs, ran.result, described, ran.ecu_counters)
+    chosen.finish(_of_bench(title, setup, ran.result, described, ran.ecu_counters))
 
 
 @cli.command(
@@ -245,7 +183,7 @@ def hil(build_path: Path, kind: EcuKind, xcp: bool, **given: Any) -> None:
 def plant(config_path: Path | None, **given: Any) -> None:
     """Run the simulated car on a bus for any ECU: send its frames, obey the commands."""
     from codegen.map_file.map import choose_config
-    from hil_sim.session import passive, run_plant
+    from hil_sim.session import run_plant
 
     chosen = Choices(**given)
     chosen.check(config_path)
@@ -255,9 +193,26 @@ def plant(config_path: Path | None, **given: Any) -> None:
     setup = chosen.setup(car.config)
     with live_view(setup, "external", quiet=chosen.as_json) as observe:
         result = run_plant(setup, None, observe)
-    runs = {"controlled": result.record, "passive": passive(setup.config, setup.scenario)}
     described = {"configuration": car.source, **setup.describe()}
-    chosen.tell(f"plant on {setup.address}, {setup.clock}", setup.config, setup.scenario, runs, result, described)
+    chosen.finish(_of_bench(f"plant on {setup.address}, {setup.clock}", setup, result, described))
+
+
+def _of_bench(title: str, setup: Setup, result: BenchResult, facts: Mapping[str, Any], ecu_counters: str = "") -> Run:
+    """Return a run on a bus, beside the passive car."""
+    from codegen.library.runs import CONTROLLED, PASSIVE, Recording, Run
+    from hil_sim.session import passive
+
+    return Run(
+        Recording(
+            title=title,
+            config=setup.config,
+            scenario=setup.scenario,
+            records={CONTROLLED: result.record, PASSIVE: passive(setup.config, setup.scenario)},
+            facts=facts,
+            on_bus=result,
+            ecu_counters=ecu_counters,
+        )
+    )
 
 
 @cli.command(
@@ -336,55 +291,14 @@ def _serve(build_path: Path, address: BusAddress, lock_step: bool, parent: int |
 )
 @click.option("--ecu", "kind", type=click.Choice(["native", "cffi"]), help="On a bus: as in hil; cffi by default.")
 @json_option
-def faults(build_path: Path, bus: str | None, kind: EcuKind | None, as_json: bool) -> None:
+def faults(build_path: Path, bus: str | None, kind: Literal["native", "cffi"] | None, as_json: bool) -> None:
     """Inject every bus fault into the same turn-in. Report the diagnostics, the time to the fail-safe, the largest rear angle
     and the recovery time. On a bus, runs take real time, and delays of this machine count as additional faults."""
-    from codegen.report.bus_tables import HEADER, fault_data, fault_rows
-    from codegen.sil.software import load
-    from hil_sim.bench import run_through_can
-    from hil_sim.bus import BusAddress
-    from hil_sim.fault_catalogue import run_all
-    from hil_sim.session import BuildFacts, Setup, run_hil
-
-    if bus is None and kind is not None:
-        raise CodegenError("without a bus there is no ECU to choose", where="--ecu", remedy="add --bus")
-    address, facts = None if bus is None else BusAddress.parse(bus), BuildFacts.read(build_path)
-    note_edited(build_path, facts.edited, quiet=as_json)
-    with console.status(f"compiling {build_path}"):
-        software = load(build_path) if address is None else None
-
-    def run(scenario: Scenario) -> BenchResult:
-        if software is not None:
-            return run_through_can(software, scenario)
-        assert address is not None
-        return run_hil(Setup(facts.config, scenario, address, precision=facts.precision), build_path, kind or "cffi").result
-
-    with console.progress("faults") as progress:
-        outcomes = run_all(facts.config, run, progress)
-    if as_json:
-        console.print_json({"build": str(build_path), "bus": bus, "faults": fault_data(outcomes)})
-    else:
-        console.say(text_table(HEADER, fault_rows(outcomes)))
-    wrong = [outcome.case.name for outcome in outcomes if outcome.violations]
-    if wrong:
-        raise CheckFailed(f"not as defined: {', '.join(wrong)}", where=build_path, remedy="see the table")
+    show(codegen.faults(build_path, bus=bus, ecu=kind, progress=console.shown), as_json)
 
 
 @cli.command(short_help="List the scenarios.", epilog=example("codegen scenarios"))
 @json_option
 def scenarios(as_json: bool) -> None:
     """List the built-in scenarios with their descriptions, sources and bus faults."""
-    from dataclasses import asdict
-
-    from hil_sim.scenarios import listing
-
-    listed = listing()
-    if as_json:
-        console.print_json([asdict(entry) for entry in listed])
-        return
-    for entry in listed:
-        console.say(f"{entry.name}: {entry.what} ({entry.duration_s:g} s)")
-        console.say(f"    {entry.source}")
-        for fault in entry.faults:
-            console.say(f"    fault: {fault}")
-    console.say("\nYour own: a recorded .csv, or a .toml with base, changes and [[faults]]; see docs/interface.md.")
+    show(codegen.scenarios(), as_json)

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
+import codegen
 from codegen import console
-from codegen.cli.base import cli, example, json_option, note_edited
+from codegen.cli.base import cli, example, json_option, show
 from codegen.cli.options import FileType, build_folder, checked_path, configuration_file
 from codegen.errors import CheckFailed
-from codegen.files import write_atomically
-from codegen.requirements import packages_of, pip_install
 
 if TYPE_CHECKING:
     from codegen.doctor import Finding
@@ -42,23 +41,7 @@ def check(subject: Path, config_path: Path | None, drive: bool, as_json: bool) -
     dwell and lane change. `codegen tune` makes it and stores it in the map. Where it is missing or out of date, --drive makes
     it, which takes seconds; it is printed and not stored. Exits with 1 if there is a warning.
     """
-    from codegen.judgement.check import check_path
-
-    with console.progress(f"checking {subject}") as progress:
-        found = check_path(subject, config_path, drive=drive, progress=progress)
-    if as_json:
-        facts: dict[str, Any] = {"subject": str(subject), "kind": found.kind}
-        console.print_json({**facts, **found.facts, "notes": list(found.notes), "warnings": list(found.warnings)})
-    else:
-        console.say(*found.lines)
-        console.note(*found.notes)
-        console.warn(*found.warnings)
-    if found.warnings:
-        one = len(found.warnings) == 1
-        count = "1 warning" if one else f"{len(found.warnings)} warnings"
-        raise CheckFailed(count, where=subject, remedy=f"resolve {'it' if one else 'them'}")
-    if not as_json:
-        console.say("no warnings")
+    show(codegen.check(subject, config_path, drive=drive, progress=console.shown), as_json)
 
 
 @cli.command(epilog=example("codegen verify generated/4ws2"))
@@ -81,44 +64,16 @@ def verify(build: Path, quick: bool, json_file: Path | None, requirements_file: 
     tests it with faults and random bytes. Writes verify.json and verify.md, the safety manual, into the build. Exits with 1
     if a check fails or none can run. A check whose tool is missing is reported as not run.
     """
-    from codegen.emit import requirements
     from codegen.emit.outputs import check_output
-    from codegen.plausibility.build import read_record
-    from codegen.sil.software import require_can_side
-    from codegen.verify import record, runner
-    from codegen.verify.check import Effort, Subject, Verdict
 
     check_output(json_file, ".json", (build,))
     check_output(requirements_file, ".csv", (build,))
-    subject = Subject.read(build)
-    require_can_side(subject.manifest, build)
-    record.require_place(build)
-    note_edited(build, subject.edited)
-    with console.progress(f"verifying {build}") as progress:
-        report = runner.run(subject, Effort(quick), progress)
-    found = kept = record.to_dict(report)
+    found = codegen.verify(build, quick=quick, progress=console.shown)
     if json_file is not None:
-        write_atomically(json_file, record.render(found))
-    console.say(record.table(report))
-    console.say(*record.findings(report))
-    if record.write(report, build):
-        console.say(f"written: {build / record.JSON}, {build / record.MANUAL}")
-    else:
-        kept = read_record(build) or found
-        console.note(f"{build / record.JSON} and {record.MANUAL} record a full run on the same files and are kept")
+        found.save(json_file)
     if requirements_file is not None:
-        write_atomically(requirements_file, requirements.table(kept["requirements"]))
-    passed, not_run = report.count(Verdict.PASSED), report.count(Verdict.NOT_RUN)
-    if report.failed:
-        raise CheckFailed(
-            f"{len(report.failed)} of {len(report.outcomes)} checks failed: {', '.join(report.failed)}", where=build
-        )
-    if not passed:
-        raise CheckFailed("no check could be run", where=build, remedy=pip_install(*packages_of("verify")))
-    harnesses = found["checks"].get("contracts", {}).get("figures", {}).get("harnesses", {})
-    open_count = sum(verdict == "open" for verdict in harnesses.values())
-    counts = {"not run": not_run, "contracts open": open_count}
-    console.say(f"{passed} checks passed" + "".join(f", {count} {what}" for what, count in counts.items() if count))
+        found.save_requirements(requirements_file)
+    show(found, False)
 
 
 COLOURS = {"good": "green", "missing": "yellow", "bad": "red"}

@@ -14,6 +14,7 @@ from codegen.cli import (  # noqa: F401
     map_commands,
     show_commands,
     sil_command,
+    suite_command,
     sweep_command,
     tune_command,
 )

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Literal
 
 import click
 
+import codegen
 from codegen import console
-from codegen.cli.base import cli, example, json_option
+from codegen.cli.base import cli, example, json_option, show
 from codegen.cli.options import (
-    Quantity,
     case_names,
     configuration_file,
     folder_to_write,
@@ -19,12 +19,7 @@ from codegen.cli.options import (
     memory_size,
     yaw_rate_error,
 )
-from codegen.errors import CheckFailed, CodegenError, within
-from codegen.files import make_folder, write_atomically
-
-if TYPE_CHECKING:
-    from codegen.ecu_map.placement import Request
-    from codegen.optimum.uncertain import UncertainMap
+from codegen.errors import CodegenError
 
 
 @cli.command(short_help="Create DIR/ars.toml to edit.", epilog=example("codegen init my-car && cd my-car"))
@@ -39,15 +34,16 @@ if TYPE_CHECKING:
 )
 def init(folder: Path, preset: str) -> None:
     """Create DIR/ars.toml, the paper's vehicle with comments and units, to edit."""
-    from codegen.configuration import preset_text
+    show(codegen.init(folder, preset), False)
 
-    path = folder / "ars.toml"
-    if path.exists() or path.is_symlink():
-        raise CodegenError("exists already and was not changed", where=path, remedy="name another folder, or edit that file")
-    make_folder(folder)
-    write_atomically(path, preset_text("paper" if preset == "paper" else "recommended").encode("utf-8"))
-    then = "" if preset == "paper" else ", codegen tune --map 4ws2.npz -o 4ws2.npz"
-    console.say(f"{path}: the paper's vehicle, to edit; next: codegen solve --config {path} --case 4ws-2 -o 4ws2.npz{then}")
+
+@cli.command(short_help="Print the JSON Schema of ars.toml.", epilog=example("codegen schema > ars.schema.json"))
+def schema() -> None:
+    """Print the JSON Schema of ars.toml, for completion and checks in editors.
+
+    The first line of a file that `codegen init` makes names ars.schema.json, where editors look for it.
+    """
+    console.print_json(codegen.schema())
 
 
 @cli.command(
@@ -95,7 +91,7 @@ def solve(
     config_path: Path | None,
     case: str,
     output: Path,
-    method: str,
+    method: Literal["exact", "ipopt"],
     friction_list: str | None,
     acceleration_list: str | None,
     share: float | None,
@@ -103,85 +99,25 @@ def solve(
 ) -> None:
     """Solve the optimisation of one case on the configured grid and write the map."""
     from codegen.emit.outputs import check_output
-    from codegen.map_file import map as npz
-    from codegen.map_file.map import choose_config
-    from codegen.optimum.like_friction import friction_errors
-    from codegen.optimum.solve import ACCELERATION_OPTION, Method, solve_acceleration_stack, solve_case, solve_stack
-    from codegen.optimum.uncertain import solve_uncertain
-    from codegen.plausibility.car import Handling, car_warnings
-    from codegen.plausibility.map import MapFacts, map_warnings
-    from codegen.report.summary import map_summary
 
-    check_output(output, ".npz", (config_path,))
-    if friction_list is not None and acceleration_list is not None:
-        raise CodegenError("a map has one stack", where=ACCELERATION_OPTION, remedy="leave it or --friction out")
     nominal_path = output.with_name(f"{output.stem}-nominal.npz")
-    if share is not None:
-        other = {"--friction": friction_list, ACCELERATION_OPTION: acceleration_list}
-        for option in (*(name for name, value in other.items() if value), *(["--method ipopt"] if method == "ipopt" else [])):
-            raise CodegenError("cannot be combined with --uncertain", where=option, remedy="leave one of them out")
-        check_output(nominal_path, ".npz", (config_path,))
-    friction = None if friction_list is None else _numbers(friction_list, "--friction")
-    acceleration = None if acceleration_list is None else _numbers(acceleration_list, ACCELERATION_OPTION)
-    chosen = choose_config(None, config_path)
-    solver: Method = "ipopt" if method == "ipopt" else "exact"
-    title = f"solving {case}" + ("" if friction is None else f" for {len(friction)} frictions")
-    title += "" if acceleration is None else f" for {len(acceleration)} accelerations"
-    title += "" if share is None else f" for {100.0 * share:g} % of the cars"
-    uncertain = None
-    with within(config_path or "the paper's preset"), console.progress(title) as progress:
-        if friction is not None:
-            reference_map = solve_stack(chosen.config, case, friction, solver, progress)
-        elif acceleration is not None:
-            reference_map = solve_acceleration_stack(chosen.config, case, acceleration, solver, progress)
-        elif share is not None:
-            uncertain = solve_uncertain(chosen.config, case, share, progress)
-            reference_map = uncertain.map
-        else:
-            reference_map = solve_case(chosen.config, case, solver, progress)
-        alike = friction_errors(reference_map)
-    if uncertain is not None:
-        npz.save(uncertain.nominal, nominal_path)
-    npz.save(reference_map, output)
-    summary = map_summary(reference_map)
-    handling, facts = Handling.from_config(chosen.config), MapFacts.of_map(reference_map, chosen.config)
-    warnings = [*car_warnings(chosen.config), *map_warnings(reference_map, chosen.config)]
-    if as_json:
-        origin = {"map": str(output), "configuration": chosen.source, "notes": list(chosen.notes), "warnings": warnings}
-        like = {"like_friction": [one.to_dict() for one in alike]} if alike else {}
-        cost = {} if uncertain is None else {"nominal": {"map": str(nominal_path), **_cost(uncertain)}}
-        console.print_json({**origin, "handling": handling.to_dict(), **facts.to_dict(), **summary.to_dict(), **like, **cost})
-        return
-    console.note(*chosen.notes)
-    if config_path is None:
+    for path in (output,) if share is None else (output, nominal_path):
+        check_output(path, ".npz", (config_path,))
+    found = codegen.solve(
+        config_path,
+        case,
+        method=method,
+        friction=_numbers(friction_list, "--friction"),
+        longitudinal_acceleration=_numbers(acceleration_list, "--longitudinal-acceleration"),
+        share=share,
+        progress=console.shown,
+    )
+    if found.nominal is not None:
+        found.nominal.save(nominal_path)
+    found.save(output)
+    if config_path is None and not as_json:
         console.note("no --config: using the paper's preset")
-    console.warn(*warnings)
-    console.say(f"{output}: {summary.headline}")
-    console.say(f"car: {handling}")
-    console.say(*(f"map: {line}" for line in facts.lines()))
-    console.say(*(f"map: {one.line}" for one in alike))
-    if uncertain is not None:
-        console.say(f"map: {summary.tightening_line}")
-        cost = _cost(uncertain)
-        mean, largest = (f"{cost[key]:.2f} deg/s" for key in ("yaw_rate_mean_deg_s", "yaw_rate_max_deg_s"))
-        console.say(
-            f"{nominal_path}: the map with the whole limits; {cost['lost_percent']:.0f} % of the cars exceed one. Its yaw rate "
-            f"is {mean} larger on average, at most {largest} at {cost['at']}, and {cost['cells']} more cells are feasible"
-        )
-
-
-def _cost(uncertain: UncertainMap) -> dict[str, Any]:
-    """Return what the nominal map has more than the tightened one, as JSON values."""
-    from codegen.report.map_difference import map_difference
-
-    found = map_difference(uncertain.nominal, uncertain.map, (None, None))
-    return {
-        "lost_percent": 100.0 * uncertain.lost_by_nominal,
-        "yaw_rate_mean_deg_s": found.mean_deg_s,
-        "yaw_rate_max_deg_s": found.largest_deg_s,
-        "at": str(found.largest_at),
-        "cells": found.only_first - found.only_second,
-    }
+    show(found, as_json)
 
 
 @cli.command(short_help="Generate the C of a map.", epilog=example("codegen build --map 4ws2.npz"))
@@ -211,83 +147,29 @@ def build(
     config_path: Path | None,
     output: Path | None,
     prefix: str,
-    precision: str,
-    max_error: Quantity | None,
-    max_flash: Quantity | None,
-    storage: str | None,
+    precision: Literal["single", "double"],
+    max_error: str | None,
+    max_flash: str | None,
+    storage: Literal["float", "int16"] | None,
     beyond_grip: bool,
     check: bool,
     as_json: bool,
 ) -> None:
     """Generate the C of a map: controller, lookup, dynamics, CMake, README, manifest."""
-    from codegen.emit.evidence import placement_line, placement_summary
-    from codegen.emit.from_files import prepare
-    from codegen.emit.text import Precision
-    from codegen.emit.write import check_target
-    from codegen.judgement.check import all_warnings
-    from codegen.judgement.model import of_map
-    from codegen.plausibility.map import require_grip
-
-    request = _request(max_error, max_flash, storage)
-    if request is not None and output is not None:
-        check_target(output)  # before a search, which takes long
-    judge = None if beyond_grip else require_grip
-    chosen: Precision = "double" if precision == "double" else "single"
-    with console.status(f"generating the C of {map_path}"):
-        prepared = prepare(map_path, config_path, output, prefix, chosen, request=request, judge=judge)
-    if not as_json:
-        console.note(*prepared.chosen.notes)
-    target, files = prepared.target, [*sorted(prepared.folder.files), "manifest.json"]
-    if check:
-        found, others = prepared.differences(), prepared.other_tools
-        if as_json:
-            result = {"build": str(target), "up_to_date": not found, "differences": found}
-            console.print_json({**result, "other_tools": others})
-        if found:
-            more = f" and {len(found) - 1} more" if len(found) > 1 else ""
-            raise CheckFailed(f"not up to date: {found[0]}{more}", where=target, remedy="run the same command without --check")
-        if not as_json:
-            console.note(*(f"the build was made with {each}: the same files" for each in others))
-            console.say(f"{target}: up to date")
-        return
-    changed = prepared.write()
-    manifest = prepared.folder.manifest
-    stored = of_map(prepared.reference_map, prepared.chosen.config)
-    warnings = [*all_warnings(prepared.chosen.config, prepared.reference_map, manifest), *stored.warnings]
-    result = {"build": str(target), "changed": changed, "files": files, "configuration": prepared.chosen.source}
-    result["limiter_cut"] = manifest["limiter_cut"]
-    if request is not None:
-        result["placement"] = placement_summary(manifest)
-    if as_json:
-        console.print_json({**result, "notes": list(prepared.chosen.notes), "warnings": warnings})
-        return
-    state = "" if changed else " (unchanged)"
-    console.warn(*warnings)
-    console.say(f"{target}: {len(files)} files{state}; start with {target / 'README.md'}")
-    if not manifest["limiter_cut"]["cells"]:
-        console.say("limiter: it cuts nothing off the map")
-    if request is not None:
-        console.say(placement_line(manifest))
-
-
-def _request(max_error: Quantity | None, max_flash: Quantity | None, storage: str | None) -> Request | None:
-    """Return the target for choosing breakpoints; None without one."""
-    if max_error is None and max_flash is None:
-        if storage is not None:
-            remedy = "add --max-error or --max-flash, such as --max-error 0.05deg/s"
-            raise CodegenError("applies only to chosen breakpoints", where="--storage", remedy=remedy)
-        return None
-    from codegen.ecu_map.placement import Request
-
-    words = [f"--max-error {max_error.words}"] if max_error else []
-    words += [f"--max-flash {max_flash.words}"] if max_flash else []
-    words += [f"--storage {storage}"] if storage == "int16" else []
-    return Request(
-        max_error=max_error.value if max_error else None,
-        max_flash=int(min(max_flash.value, 2.0**31)) if max_flash else None,
-        storage="int16" if storage == "int16" else "float",
-        words=" ".join(words),
+    found = codegen.build(
+        map_path,
+        output,
+        config=config_path,
+        prefix=prefix,
+        precision=precision,
+        max_error=max_error,
+        max_flash=max_flash,
+        storage=storage,
+        beyond_grip=beyond_grip,
+        write=not check,
+        progress=console.shown,
     )
+    show(found, as_json)
 
 
 @cli.command(short_help="Reproduce the paper's tables and plots.", epilog=example("codegen paper -o build"))
@@ -295,19 +177,13 @@ def _request(max_error: Quantity | None, max_flash: Quantity | None, storage: st
 @json_option
 def paper(output: Path, as_json: bool) -> None:
     """Reproduce the paper: solve its three maps, build the C, run C1 and C2, compare its tables with ours."""
-    with console.progress("reproducing the paper") as progress:
-        progress(0, 1, "loading")
-        from codegen.report.paper import reproduce
-
-        result = reproduce(output, done=progress)
-    if as_json:
-        console.print_json(result.to_dict())
-        return
-    console.say(*result.lines())
+    show(codegen.paper(output, progress=console.shown), as_json)
 
 
-def _numbers(text: str, place: str) -> list[float]:
-    """Return the numbers of a comma-separated list. Raises CodegenError."""
+def _numbers(text: str | None, place: str) -> list[float] | None:
+    """Return the numbers of a comma-separated list; None without one. Raises CodegenError."""
+    if text is None:
+        return None
     numbers = []
     for word in text.split(",") if text.strip() else ():
         try:

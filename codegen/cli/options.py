@@ -7,23 +7,22 @@ from __future__ import annotations
 
 import math
 import os
-import re
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 from codegen.cli.base import json_option
+from codegen.errors import CodegenError
 from codegen.files import read_text
 from codegen.logs.formats import ENDINGS
+from codegen.library.quantities import MEMORY, YAW_RATE, Kind
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
     Items = list[CompletionItem[str]]
-    from hil_sim.scenarios import Scenario
 
 
 PATH = "path"
@@ -140,7 +139,6 @@ def _cases(config_path: Any) -> tuple[str, ...]:
     import tomllib
 
     from codegen.configuration import CONFIG_BYTES_MAX
-    from codegen.errors import CodegenError
 
     try:
         text = read_text(Path(config_path), CONFIG_BYTES_MAX, "")
@@ -173,14 +171,6 @@ def _with_endings(incomplete: str, endings: Iterable[str]) -> list[str]:
     return [stem + each for each in endings if each.startswith(ending)]
 
 
-@dataclass(frozen=True)
-class Quantity:
-    """A number in SI (bytes for memory), and its text as typed."""
-
-    value: float
-    words: str
-
-
 class FiniteRange(click.FloatRange):
     """A number within a range. Rejects NaN, which the comparisons of click do not exclude."""
 
@@ -192,37 +182,21 @@ class FiniteRange(click.FloatRange):
         return number
 
 
-class QuantityType(click.ParamType[Quantity]):
-    """A positive number with its unit, such as 0.05deg/s, as `Quantity`.
+class QuantityType(click.ParamType[str]):
+    """A positive number with its unit, such as 0.05deg/s, as the library takes it."""
 
-    Args:
-        name: name of the quantity, for messages.
-        units: unit as written -> its size in SI.
-        shown: example.
-    """
+    def __init__(self, kind: Kind) -> None:
+        self.name, self.kind = kind.name, kind
 
-    def __init__(self, name: str, units: Mapping[str, float], shown: str) -> None:
-        self.name, self.units, self.shown = name, units, shown
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Quantity:
-        """Convert a value. Raises click.BadParameter: no number, no unit or an unknown one, or an impossible value."""
-        if isinstance(value, Quantity):
-            return value
-        found = _QUANTITY.fullmatch(str(value).strip())
-        unit = found["unit"] if found else ""
-        if found is None or unit not in self.units:
-            what = "has no number" if found is None else f"is in {unit!r}" if unit else "has no unit"
-            self.fail(f"{value!r} {what}; give a number and {' or '.join(self.units)}, such as {self.shown}", param, ctx)
-        size = float(found["number"]) * self.units[unit]
-        if not 0.0 < size < math.inf:
-            self.fail(f"{value!r} must be above zero, and finite; such as {self.shown}", param, ctx)
-        return Quantity(size, found["number"] + unit)
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Check a value. Raises click.BadParameter: no number, no unit or an unknown one, or an impossible value."""
+        try:
+            return self.kind.read(value).words
+        except CodegenError as error:
+            self.fail(f"{error.what}; {error.remedy}", param, ctx)
 
 
-_QUANTITY = re.compile(r"(?P<number>-?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]{1,3})?)\s*(?P<unit>[A-Za-z/]*)", re.ASCII)
-
-yaw_rate_error = QuantityType("yaw rate", {"deg/s": math.pi / 180.0, "rad/s": 1.0}, "0.05deg/s")
-memory_size = QuantityType("size", {"B": 1.0, "kB": 1e3, "KiB": 1024.0, "MB": 1e6, "MiB": 1048576.0}, "4KiB")
+yaw_rate_error, memory_size = QuantityType(YAW_RATE), QuantityType(MEMORY)
 any_file = FileType()
 map_file, map_to_write = FileType((".npz",)), FileType((".npz",), to_write=True)
 configuration_file = FileType((".toml",))
@@ -326,15 +300,6 @@ def drift_options(command: Command) -> Command:
         metavar="PPM",
         help="Let the car's clock run faster than the ECU's.",
     )(command)
-
-
-def with_clocks(scenario: Scenario, drift_ppm: float | None, jitter_ms: float | None) -> Scenario:
-    """Return the scenario, with two clocks if one of the options is given."""
-    from hil_sim.clocks import Clocks
-
-    if drift_ppm is None and jitter_ms is None:
-        return scenario
-    return replace(scenario, clocks=Clocks(drift_ppm or 0.0, jitter_ms or 0.0))
 
 
 def result_options(command: Command) -> Command:

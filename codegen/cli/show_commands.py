@@ -16,8 +16,10 @@ from typing import TYPE_CHECKING
 
 import click
 
+import codegen
 from codegen import console
 from codegen.cli.base import cli, example, json_option
+from codegen.cli.base import show as show_result
 from codegen.cli.options import (
     build_folder,
     channel_option,
@@ -29,14 +31,12 @@ from codegen.cli.options import (
     result_names,
     scenario_names,
 )
-from codegen.errors import CodegenError, MapError, within
-from codegen.files import read_text, resolved, write_atomically
-from codegen.text_table import text_table
+from codegen.errors import CodegenError
+from codegen.files import read_text, resolved
 
 if TYPE_CHECKING:
     from codegen.explore.server import ExploreServer
     from codegen.explore.toml_file import Target
-    from codegen.map_file.map import ReferenceMap
 
 
 SHOW_EXAMPLE = "codegen show 4ws2.npz --plot map.png\n  codegen show 4ws2.npz --against nonlinear.npz --plot difference.png"
@@ -58,136 +58,23 @@ SHOW_EXAMPLE = "codegen show 4ws2.npz --plot map.png\n  codegen show 4ws2.npz --
 def show(map_path: Path, plot: Path | None, against: Path | None, flash: bool, config_path: Path | None, as_json: bool) -> None:
     """Print a map: axes, units, ranges, feasibility and binding constraints, and the judgement of the car."""
     from codegen.emit.outputs import check_output
-    from codegen.judgement.model import MISSING, of_map
-    from codegen.map_file import map as npz
-    from codegen.plausibility.map import beyond_grip
-    from codegen.report.summary import map_summary
 
     check_output(plot, ".png", (map_path, config_path, against))
     if against is not None and flash:
         raise CodegenError("cannot be combined with --flash", where="--against", remedy="leave one of them out")
     if config_path is not None and not flash:
         raise CodegenError("has no effect here", where="--config", remedy="add --flash, or leave it out")
-    reference_map = npz.load(map_path)
+    found: codegen.Map | codegen.Difference | codegen.FlashSizes
     if flash:
-        _show_flash(map_path, reference_map, config_path, plot, as_json)
-        return
-    if against is not None:
-        _show_difference(map_path, reference_map, against, plot, as_json)
-        return
-    summary = map_summary(reference_map)
-    stored = MISSING if reference_map.config is None else of_map(reference_map, reference_map.config)
+        found = codegen.flash_sizes(map_path, config_path, progress=console.shown)
+    elif against is not None:
+        found = codegen.compare(map_path, against, progress=console.shown)
+    else:
+        found = codegen.load_map(map_path)
     if plot is not None:
-        from codegen.report.map_plots import map_figure
-        from codegen.report.style import save
-
         with console.status("drawing"):
-            save(map_figure(reference_map, map_path.stem), plot)
-    if as_json:
-        facts = {"judgement": stored.to_dict(), "plot": None if plot is None else str(plot)}
-        console.print_json({"map": str(map_path), **summary.to_dict(), **facts})
-        return
-    if text := beyond_grip(reference_map):
-        console.warn(text)
-    console.say(f"{map_path}: {summary.headline}")
-    if summary.tyre_line:
-        console.say(summary.tyre_line)
-    if summary.tightening_line:
-        console.say(summary.tightening_line)
-    console.say(text_table(("", "from", "to", "unit", "points"), summary.axis_rows))
-    console.say("")
-    console.say(text_table(("", "from", "to", "unit"), summary.value_rows))
-    if summary.binding_rows:
-        console.say("")
-        console.say(text_table(("what binds", "cells", "share"), summary.binding_rows))
-    if summary.stack_rows:
-        console.say("")
-        console.say(
-            text_table(("friction", "feasible cells", "share", "lateral acceleration, largest [m/s^2]"), summary.stack_rows)
-        )
-    if summary.acceleration_rows:
-        header = ("longitudinal acceleration [m/s^2]", "feasible cells", "share", "lateral, largest [m/s^2]", "like friction")
-        console.say("", text_table(header, summary.acceleration_rows))
-    if stored.judgement is not None:
-        console.say("", *stored.judgement.lines())
-    elif reference_map.config is not None:
-        console.note(stored.note)
-    if plot is not None:
-        console.say(f"\nplot: {plot}")
-
-
-def _show_difference(map_path: Path, first: ReferenceMap, against: Path, plot: Path | None, as_json: bool) -> None:
-    """Print the changes from one map to another."""
-    from codegen.map_file import map as npz
-    from codegen.optimum.nonlinear import slip_use
-    from codegen.report.map_difference import (
-        CAR_HEADER,
-        DIFFERENCE_HEADER,
-        POINT_HEADER,
-        caveats,
-        map_difference,
-        map_difference_figure,
-        same_car,
-    )
-
-    if against.exists() and against.samefile(map_path):
-        raise CodegenError("is the map itself", where=f"--against {against}", remedy="name another map")
-    second = npz.load(against)
-    with console.status("comparing"):
-        used = (slip_use(first), slip_use(second))
-        try:
-            found = map_difference(first, second, used)
-        except MapError as error:
-            raise MapError(error.what, where=f"{map_path}, {against}", remedy=error.remedy) from error
-    if plot is not None:
-        from codegen.report.style import save
-
-        with console.status("drawing"):
-            names = (map_path.stem, against.stem)
-            save(map_difference_figure((first, second), used, names), plot)
-    if as_json:
-        written = None if plot is None else str(plot)
-        console.print_json({"map": str(map_path), "against": str(against), **found.to_dict(), "plot": written})
-        return
-    if same_car(first, second) is False:
-        console.note("the maps are of different cars or roads")
-    console.note(*caveats(first, second))
-    console.say(f"first:  {map_path}\nsecond: {against}\n")
-    console.say(text_table(CAR_HEADER, list(found.rows())))
-    console.say("")
-    console.say(text_table(DIFFERENCE_HEADER, [found.difference_row]))
-    if found.points:
-        console.say("\nyaw rate r [deg/s] and rear angle [deg]:")
-        console.say(text_table(POINT_HEADER, found.point_rows))
-    if plot is not None:
-        console.say(f"\nplot: {plot}")
-
-
-def _show_flash(
-    map_path: Path, reference_map: ReferenceMap, config_path: Path | None, plot: Path | None, as_json: bool
-) -> None:
-    """Print the flash size of chosen breakpoints, for the kind of controller of the configuration."""
-    from codegen.ecu_map.placement_sweep import flash_table
-    from codegen.emit.laws import law_of
-    from codegen.map_file.map import choose_config
-    from codegen.report.flash import HEADER, flash_dict, flash_figure, flash_headline, flash_rows
-
-    chosen = choose_config(reference_map, config_path)
-    tables = 2 if law_of(chosen.config).uses_rear_angle else 1
-    with within(map_path), console.progress("placing breakpoints") as progress:
-        found = flash_table(reference_map, chosen.config, tables, progress=progress)
-    if plot is not None:
-        from codegen.report.style import save
-
-        save(flash_figure(found, map_path.stem), plot)
-    if as_json:
-        console.print_json({"map": str(map_path), **flash_dict(found), "plot": None if plot is None else str(plot)})
-        return
-    console.note(*chosen.notes)
-    console.say(f"{map_path}: {flash_headline(found)}\n")
-    console.say(text_table(HEADER, flash_rows(found)))
-    if plot is not None:
-        console.say(f"\nplot: {plot}")
+            found.plot(plot)
+    show_result(found, as_json, plot)
 
 
 REPORT_EXAMPLE = (
@@ -241,27 +128,18 @@ def report(
     With --build, the C is simulated together with other controllers and the passive car, and bus faults are injected, unless
     --run provides the results. The file works offline.
     """
-    from codegen.emit.outputs import check_output
-    from codegen.report.html.gather import Request, gather, read
-    from codegen.report.html.inputs import named
-    from codegen.report.html.page import charts_of, render, require_plotly
-    from codegen.report.html.report import sections
-
-    require_plotly("report")
-    check_output(output, ".html", (map_path, *compare, *(named(argument)[1] for argument in runs)))
-    found = read(Request(map_path, compare, build_path, runs, scenario, not no_simulation, channel))
-    with console.progress("report") as progress:
-        material = gather(found, progress)
-        made = list(sections(material))
-        content = render(f"{material.map.name}: from the map to the ECU", made)
-    write_atomically(output, content)
-    charts, notes = [chart.name for chart in charts_of(made)], list(material.notes)
-    if as_json:
-        told = {"report": str(output), "bytes": len(content), "sections": [section.name for section in made]}
-        console.print_json({**told, "charts": charts, "notes": notes})
-        return
-    console.note(*notes)
-    console.say(f"{output}: {len(made)} sections, {len(charts)} charts, {len(content) / 1e6:.1f} MB; open it in a browser")
+    found = codegen.report(
+        map_path,
+        output,
+        compare=compare,
+        build=build_path,
+        runs=runs,
+        scenario=scenario,
+        channel=channel,
+        simulate=not no_simulation,
+        progress=console.shown,
+    )
+    show_result(found, as_json)
 
 
 @cli.command(

@@ -413,6 +413,10 @@ class Config(Section):
         Raises:
             ConfigError: there is no such key, or it cannot have this value.
         """
+        if not isinstance(changes, Mapping) or not all(isinstance(key, str) for key in changes):
+            raise ConfigError(
+                "the changes are no dictionary with texts as keys", where=where, remedy="give dotted keys of ars.toml"
+            )
         data: dict[str, Any] = {name: getattr(self, name) for name in Config.model_fields}
         for key, value in changes.items():
             name, *rest = key.split(".")

@@ -6,13 +6,14 @@ the range and the unit, because a wrong unit is the usual cause.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, ClassVar, get_args
 
-from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, ValidationError
+from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, GetJsonSchemaHandler, ValidationError
 from pydantic_core import CoreSchema, core_schema
 
 from codegen.errors import CodegenError, suggestion
@@ -71,6 +72,14 @@ class Range:
         number = core_schema.no_info_before_validator_function(check_number, handler(source))
         return core_schema.no_info_after_validator_function(self.check, number)
 
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        return {**handler(schema), **self._limits(), "description": self.shown}
+
+    def _limits(self) -> dict[str, Any]:
+        """Return the limits as JSON Schema, which has no infinity."""
+        limits = {"minimum": self.low, "maximum": self.high}
+        return {key: value for key, value in limits.items() if math.isfinite(value)}
+
 
 class RangeOrZero(Range):
     """A range that also accepts zero, for "none"."""
@@ -83,6 +92,10 @@ class RangeOrZero(Range):
     def shown(self) -> str:
         """Range and unit, for messages."""
         return f"{super().shown} and not 0"
+
+    def _limits(self) -> dict[str, Any]:
+        """Return the limits as JSON Schema."""
+        return {"anyOf": [{"const": 0.0}, super()._limits()]}
 
 
 @dataclass(frozen=True)
@@ -133,6 +146,10 @@ class Meaning:
     """
 
     text: str
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        found = handler(schema)
+        return {**found, "description": "; ".join(filter(None, (self.text, found.get("description"))))}
 
 
 class Section(BaseModel):

@@ -142,7 +142,8 @@ MODULES = {"python-can": "can"}
 EXTRAS = {
     "tools": "files of other tools: A2L of a linked program (codegen a2l), images (codegen calibrate), MF4 and Parquet (-o, "
     "--log), drives and databases of buses (codegen identify), XCP (hil --xcp), the check of FMUs",
-    "crosscheck": "a second plant, a third party's multi-body car, in codegen sil --suite",
+    "notebook": "notebooks of the library: Jupyter, runs as tables of pandas and datasets of xarray",
+    "crosscheck": "a second plant, a third party's multi-body car, in codegen suite",
     "verify": "codegen verify: compilers for ECU cores, emulated processors, MISRA checks; --run of codegen firmware "
     "without a cross compiler",
     "report": "codegen report and codegen explore: plots that can be turned, cut and read",

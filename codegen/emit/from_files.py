@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from codegen.ecu_map.placement import Request
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.folder import Folder, differences, read_manifest
 from codegen.emit.take_over import with_tools
@@ -68,31 +66,28 @@ def prepare(
     target: Path | None = None,
     prefix: str = "ars",
     precision: Precision = "single",
-    request: Request | None = None,
-    judge: Callable[[ReferenceMap, Path], None] | None = None,
 ) -> Prepared:
     """Read the map, choose the configuration and render the build; nothing is written.
 
     Args:
         target: output folder; by default generated/<stem of the map> in the current folder.
-        request: requirements on the chosen breakpoints; None keeps the breakpoints of the map.
-        judge: function that gets the map and its file before anything is rendered; it may raise.
 
     Raises:
         MapError, ConfigError, BuildError: an input cannot be read, or the build cannot be rendered.
     """
     # The name is checked before the map is read, so that a bad one is reported at once.
-    options = BuildOptions(name=map_path.stem, prefix=prefix, precision=precision, request=request)
+    options = BuildOptions(name=map_path.stem, prefix=prefix, precision=precision)
     data = archive.read_map_file(map_path)  # read once, so that the hash is that of the map in use
     reference_map = npz.from_bytes(data, map_path)
-    if judge is not None:
-        judge(reference_map, map_path)
     chosen = choose_config(reference_map, config_path)
-    inputs = BuildInputs(
-        map_file=map_path.name,
-        map_sha256=hashlib.sha256(data).hexdigest(),
-        config_source=chosen.source,
-    )
-    with within(map_path):
+    return prepare_map(reference_map, data, map_path, chosen, options, target)
+
+
+def prepare_map(
+    reference_map: ReferenceMap, data: bytes, path: Path, chosen: Chosen, options: BuildOptions, target: Path | None = None
+) -> Prepared:
+    """Render the build of a map whose file at `path` has the content `data`; nothing is written. See `prepare`."""
+    inputs = BuildInputs(path.name, hashlib.sha256(data).hexdigest(), chosen.source)
+    with within(path):
         folder = build(reference_map, chosen.config, options, inputs)
-    return Prepared(folder, target or Path("generated") / map_path.stem, reference_map, chosen)
+    return Prepared(folder, target or Path("generated") / path.stem, reference_map, chosen)

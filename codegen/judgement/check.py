@@ -19,9 +19,9 @@ from codegen.emit.limiter_view import LimiterCut
 from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError, within
 from codegen.judgement.judge import judge, judge_build
-from codegen.judgement.model import MISSING, Stored, of_manifest, of_map
+from codegen.judgement.model import MISSING, Judgement, Stored, of_manifest, of_map
 from codegen.map_file import map as npz
-from codegen.map_file.map import ReferenceMap, choose_config, grip_notes, older_keys
+from codegen.map_file.map import Chosen, ReferenceMap, choose_config, grip_notes, older_keys
 from codegen.optimum.solve import solve_case, solve_stack
 from codegen.plausibility.build import build_warnings, folder_notes, folder_warnings, margins_line, schedule_warnings
 from codegen.plausibility.car import Handling, car_warnings
@@ -45,37 +45,44 @@ class Found:
     notes: tuple[str, ...]
     warnings: tuple[str, ...]
 
+    judgement: Judgement | None = None
+
     def with_judgement(self, stored: Stored) -> Found:
         """Return the result with a judgement of the car, or with the note that there is none."""
         facts = {**self.facts, "judgement": stored.to_dict()}
         if stored.judgement is None:
             return replace(self, facts=facts, notes=(*self.notes, stored.note))
         lines, warnings = stored.judgement.lines(), stored.judgement.warnings
-        return replace(self, facts=facts, lines=(*self.lines, *lines), warnings=(*self.warnings, *warnings))
+        return replace(
+            self, facts=facts, lines=(*self.lines, *lines), warnings=(*self.warnings, *warnings), judgement=stored.judgement
+        )
 
 
 Progress = Callable[[int, int], None]
 
 
-def check_path(path: Path, config_path: Path | None = None, *, drive: bool = False, progress: Progress | None = None) -> Found:
+def check_path(
+    path: Path, config: Path | Config | None = None, *, drive: bool = False, progress: Progress | None = None
+) -> Found:
     """Check a configuration, a map or a build. No file is changed.
 
     Args:
         path: an ars.toml, an .npz or a build folder.
-        config_path: the ars.toml to check a map with, as `codegen build` takes it; by default the map's own configuration.
+        config: the ars.toml to check a map with, as `codegen build` takes it; by default the map's own configuration.
         drive: make the judgement of the car; by default the one in the map or build is used.
         progress: called with (done, in all) by each judgement.
 
     Raises:
         CodegenError: the path is none of the three, or cannot be read; or a configuration is given, and the path is not a map.
     """
-    if config_path is not None and (path.is_dir() or path.suffix != ".npz"):
+    if config is not None and (path.is_dir() or path.suffix != ".npz"):
         raise CodegenError("only a map is checked with another configuration", where="--config", remedy="leave it out")
     if path.is_dir():
         return _check_build(path, drive, progress)
     if path.suffix == ".npz":
-        return _check_map(path, config_path, drive, progress)
-    return _check_configuration(path, drive, progress)
+        reference_map = npz.load(path)
+        return check_map(reference_map, choose_config(reference_map, config), path, drive, progress)
+    return check_configuration(choose_config(None, path), path, drive, progress)
 
 
 def all_warnings(config: Config, reference_map: ReferenceMap | None, manifest: Manifest | None) -> tuple[str, ...]:
@@ -130,20 +137,20 @@ def _judged(found: Found, reference_map: ReferenceMap, config: Config, drive: bo
     return found.with_judgement(Stored("current", judge(reference_map, config, progress=progress)))
 
 
-def _check_map(path: Path, config_path: Path | None, drive: bool, progress: Progress | None) -> Found:
-    reference_map = npz.load(path)
-    chosen = choose_config(reference_map, config_path)
+def check_map(
+    reference_map: ReferenceMap, chosen: Chosen, where: object, drive: bool = False, progress: Progress | None = None
+) -> Found:
+    """Check a map as `check_path`. `where`: the map in messages."""
     found = _facts_of_map(chosen.config, reference_map)
     found = replace(found, notes=tuple(dict.fromkeys((*chosen.notes, *_older(chosen.config, chosen.source), *found.notes))))
     if chosen.source == "preset" and not beyond_grip(reference_map):
         return replace(found, notes=(*found.notes, NO_CAR))
-    with within(path):
+    with within(where):
         return _judged(found, reference_map, chosen.config, drive, progress)
 
 
-def _check_configuration(path: Path, drive: bool, progress: Progress | None) -> Found:
-    """Check a configuration, and the maps of all its cases that steer the rear wheels."""
-    chosen = choose_config(None, path)
+def check_configuration(chosen: Chosen, where: object, drive: bool = False, progress: Progress | None = None) -> Found:
+    """Check a configuration, and the maps of all its cases that steer the rear wheels. `where`: its place in messages."""
     config, steering = chosen.config, [name for name, case in chosen.config.cases.items() if case.rear_steering]
     common = _facts(config, None, None)
     facts: dict[str, Any] = {**common.facts, "cases": {}}
@@ -151,7 +158,7 @@ def _check_configuration(path: Path, drive: bool, progress: Progress | None) -> 
     warnings: dict[str, list[str]] = {}
     for name in steering:
         try:
-            with within(path):
+            with within(where):
                 reference_map = solve_case(config, name)
                 found = _judged(_facts_of_map(config, reference_map), reference_map, config, drive, progress)
         except CodegenError as error:

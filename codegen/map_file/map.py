@@ -384,29 +384,34 @@ def _notes_on_design(config: Config) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Chosen:
-    """The chosen configuration, its source ("map", "preset" or a file name), and notes for the user."""
+    """The chosen configuration, its source ("map", "preset", GIVEN or a file name), and notes for the user."""
 
     config: Config
     source: str
     notes: tuple[str, ...] = ()
 
 
-def choose_config(reference_map: ReferenceMap | None, config_path: Path | None) -> Chosen:
-    """Return the configuration of the given file, else the map's own, else the paper's preset. Raises ConfigError.
+GIVEN = "given"
+"""Source of a configuration that is no file."""
 
-    A file without `[tightening]` gets that of the map.
+
+def choose_config(reference_map: ReferenceMap | None, given: Path | Config | None) -> Chosen:
+    """Return the given configuration or that of a file, else the map's own, else the paper's preset. Raises ConfigError.
+
+    One without `[tightening]` gets that of the map.
     """
     own = reference_map.config if reference_map is not None else None
     cases = None if reference_map is None else [reference_map.case]
     ignored = () if reference_map is None else tuple(f"{key}: not a key of a map; ignored" for key in reference_map.ignored)
-    if config_path is not None:
-        config = configuration.load(config_path)
+    if given is not None:
+        config, source = (given, GIVEN) if isinstance(given, Config) else (configuration.load(given), given.name)
         notes = (*ignored, *_notes_on_design(config))
         if own is not None and (own.vehicle, own.tyre, own.road) != (config.vehicle, config.tyre, config.road):
-            notes += (f"{config_path.name} describes another car than the map was solved for; the map is taken as it is",)
+            name = "the given configuration" if isinstance(given, Config) else source
+            notes += (f"{name} describes another car than the map was solved for; the map is taken as it is",)
         if own is not None and own.tightening != config.tightening == Tightening():
             config = config.model_copy(update={"tightening": own.tightening})  # it belongs to the map
-        return Chosen(config, config_path.name, (*notes, *grip_notes(own or config, cases)))
+        return Chosen(config, source, (*notes, *grip_notes(own or config, cases)))
     if own is not None:
         return Chosen(own, "map", (*_notes_on_design(own), *grip_notes(own, cases)))
     paper = configuration.preset()

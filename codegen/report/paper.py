@@ -97,7 +97,7 @@ class Reproduction:
             "",
             "The paper's maximum fits the steady value; the printed PI overshoots a reference that jumps. The paper's plant is",
             "a commercial multi-body car whose data are not published, so its sideslip cannot be compared.",
-            "`codegen sil --suite tracking` compares the PI with the recommended controller over speeds, cars and roads.",
+            "`codegen suite tracking` compares the PI with the recommended controller over speeds, cars and roads.",
             "",
             "Written",
             "",

@@ -1,4 +1,4 @@
-"""The comparison of references (`codegen sil --suite references`) in one picture."""
+"""The comparison of references (`codegen suite references`) in one picture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The comparison of references (`codegen sil --suite references`) as text: one table, and where others are better."""
+"""The comparison of references (`codegen suite references`) as text: one table, and where others are better."""
 
 from __future__ import annotations
 

@@ -132,7 +132,7 @@ _CAR_FIGURES = (
 
 
 def car_sections(result: CarsResult) -> Iterator[tuple[str, str]]:
-    """Yield titles and texts of `codegen sil --suite cars`."""
+    """Yield titles and texts of `codegen suite cars`."""
     speeds, shares = (_listed([f"{value:g}" for value in values]) for values in (SPEEDS_KM_H, (100.0 * s for s in SHARES)))
     yield (
         "Random cars: mass, wheelbase, understeer gradient, largest rear angle, actuator lag",

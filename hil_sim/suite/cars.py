@@ -1,4 +1,4 @@
-"""`codegen sil --suite cars`: random cars, each with its own map, controller and build, in step steers.
+"""`codegen suite cars`: random cars, each with its own map, controller and build, in step steers.
 
 The cars are plausible ones, from a small car to a van with any sensible tyres, with the recommended controller. The draw of
 `tests/optimum/cars.py` is wider on purpose, to test the solvers with implausible cars. Each car is solved, tuned and built by

@@ -1,4 +1,4 @@
-"""`codegen sil --suite references`: the same controller on the maps of several references, in the cells of the test set.
+"""`codegen suite references`: the same controller on the maps of several references, in the cells of the test set.
 
 `codegen tune` determines the controller for the map under test, and all maps get the same one: tuned for a map of its own, it
 would differ, because tuning drives only turns that the map has. The cells are those of the map under test too, so that all cars

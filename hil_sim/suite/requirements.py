@@ -30,7 +30,7 @@ STEP_INSTRUCTIONS_MAX = 1_320
 
 
 class Limits(Section):
-    """Limits of `codegen sil --suite`, keys of the file of `--limits`. Each description gives the reason."""
+    """Limits of `codegen suite`, keys of the file of `--limits`. Each description gives the reason."""
 
     c1_overshoot_percent: Percent = Field(default=2.0, description="the paper's step C1: a driver hardly notices 2 %")
     c1_settling_s: Seconds = Field(default=0.5, description="of an ideal actuator; twice the actuator's lag is added")
@@ -394,7 +394,7 @@ ROLL_PLANT = "roll"
 def car_requirements(
     matter: str, summaries: Mapping[str, Summary], margins: FamilyMargins | None, limits: Limits
 ) -> tuple[Requirement, ...]:
-    """Return the rows of one car of `codegen sil --suite cars`.
+    """Return the rows of one car of `codegen suite cars`.
 
     On the third plant the error to the map is a goal, because its tyres are not those of the map.
     """

@@ -1,7 +1,7 @@
 """Write the parts of docs/ that come from the code: `python -m scripts.guide [--figures] [--suite JSON] [--cars JSON]`.
 
 With `--figures` the figures as well. With `--suite` and `--cars`, the records of the suites are made first, from the output of
-`codegen sil --build generated/4ws2 --suite tracking --json` and of `codegen sil --suite cars --cars 40 --seed 4 --json`.
+`codegen suite tracking --build generated/4ws2 --json` and of `codegen suite cars --cars 40 --seed 4 --json`.
 """
 
 import argparse

@@ -13,7 +13,7 @@ import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from scripts.guide import commands, config_tables, evidence_tables, interface_tables, map_choice, suite_tables
+from scripts.guide import commands, config_tables, evidence_tables, interface_tables, map_choice, python_names, suite_tables
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 REGIONS: Mapping[str, Callable[..., str]] = {
@@ -34,6 +34,7 @@ REGIONS: Mapping[str, Callable[..., str]] = {
     "map-keys": map_choice.keys,
     "names-toml": config_tables.names_markdown,
     "planted-faults": evidence_tables.planted_faults,
+    "python": python_names.markdown,
     "references-comparison": suite_tables.references,
     "run-columns": interface_tables.run_columns,
     "tracking-clocks": suite_tables.clocks,

@@ -1,4 +1,4 @@
-"""Tables of the page on controllers, from records of what `codegen sil --suite ... --json` prints: for the committed build, and
+"""Tables of the page on controllers, from records of what `codegen suite ... --json` prints: for the committed build, and
 for random cars."""
 
 from __future__ import annotations
@@ -237,6 +237,6 @@ def cars() -> str:
 
 
 def references() -> str:
-    """Return the first sections that `codegen sil --suite references` prints for the committed build."""
+    """Return the first sections that `codegen suite references` prints for the committed build."""
     first, _, _ = REFERENCES.read_text(encoding="utf-8").partition("\nOvershoot of the steady yaw rate")
-    return f"```console\n$ codegen sil --build generated/4ws2 --suite references\n{first.rstrip()}\n...\n```\n"
+    return f"```console\n$ codegen suite references --build generated/4ws2\n{first.rstrip()}\n...\n```\n"

@@ -106,3 +106,8 @@ def test_a_run_in_every_format_at_once(run: Run, short: Path) -> None:
     assert Path("run.csv").read_bytes() == Path("as-ever.csv").read_bytes()
     assert len(load_csv(Path("run.csv"))) == 1100
     assert "recording: again.csv" in run("sil", "--build", BUILD, "--scenario", short, "--csv", "again.csv").out.splitlines()
+
+
+def test_scenarios_are_listed(run: Run) -> None:
+    plain, data = run("scenarios").out, json.loads(run("scenarios", "--json").out)
+    assert [each["name"] for each in data][:2] == ["step-steer", "ramp-steer"] and all(each["what"] in plain for each in data)

@@ -1,4 +1,4 @@
-"""`codegen sil --suite` and `codegen sil --baselines` at the command line."""
+"""`codegen suite` and `codegen sil --baselines` at the command line."""
 
 import json
 from collections.abc import Callable
@@ -47,23 +47,30 @@ def suite(monkeypatch: pytest.MonkeyPatch, here: Path) -> Callable[..., list[Can
 
 def test_suite_of_the_recommended_preset(run: Run, suite: Callable[..., list[Candidate]], good: SuiteResult) -> None:
     seen = suite(good, notes=("a note",))
-    answer = run("sil", "--suite", "tracking")
+    answer = run("suite", "tracking")
     assert answer.code == 0, answer
     first, *lines = answer.out.splitlines()
     assert first == "suite tracking: the recommended preset, case 4ws-2, solved, tuned and built in memory"
     assert "Requirements, and results of tracking" in lines
     assert seen[0].config == configuration.preset("recommended")
     assert everything_in(Path()) == {}
-    answer = run("sil", "--suite", "tracking", "--json", "--plot", "overview.png")
+    answer = run("suite", "tracking", "--json", "--plot", "overview.png")
     data = json.loads(answer.out)
     assert (data["tested"], data["passed"], data["subjects"]) == ("tracking", True, list(SUBJECTS))
     assert (data["build"], data["notes"], data["pictures"], answer.err) == (None, ["a note"], ["overview.png"], "")
 
 
+def test_the_earlier_form(run: Run, suite: Callable[..., list[Candidate]], good: SuiteResult) -> None:
+    suite(good)
+    new, old = run("suite", "tracking"), run("sil", "--suite", "tracking")
+    assert (old.code, old.out) == (new.code, new.out)
+    assert old.err == "note: `codegen suite tracking` is the new form of `codegen sil --suite tracking`\n"
+
+
 def test_a_missed_figure_is_a_failed_check(run: Run, suite: Callable[..., list[Candidate]], good: SuiteResult) -> None:
     wide = tuple(cell_result("tracking", cell, "nominal", sideslip_excess_deg=1.25) for cell in CELLS)
     suite(with_table(good, "tracking", "nominal", wide))
-    answer = run("sil", "--suite", "tracking")
+    answer = run("suite", "tracking")
     assert answer.code == 1
     assert "NOT MET" in answer.out
     figure = "all cells, as configured: |sideslip| beyond its bound 1.25 deg (at most 0.2 deg)"
@@ -81,11 +88,11 @@ def test_limits_from_a_file_and_their_purpose(run: Run, suite: Callable[..., lis
     missed = with_table(good, "tracking", "nominal", wide)
     suite(missed)
     why = "sideslip_excess_deg = 0.2: beyond the map's bound"
-    assert why in run("sil", "--suite", "tracking").out
+    assert why in run("suite", "tracking").out
     Path("mine.toml").write_text("sideslip_excess_deg = 1.5\n", encoding="utf-8")
     assert load(Path("mine.toml")).sideslip_excess_deg == 1.5
     suite(missed.with_outside(ExternalFigures(missed.third_party, missed.instructions), load(Path("mine.toml"))))
-    answer = run("sil", "--suite", "tracking", "--limits", "mine.toml", "--json")
+    answer = run("suite", "tracking", "--limits", "mine.toml", "--json")
     assert answer.code == 0 and json.loads(answer.out)["limits"]["sideslip_excess_deg"] == 1.5
 
 
@@ -99,7 +106,7 @@ def test_limits_from_a_file_and_their_purpose(run: Run, suite: Callable[..., lis
 )
 def test_an_invalid_file_of_limits(refused: Refused, here: Path, text: str, words: str) -> None:
     Path("mine.toml").write_text(text, encoding="utf-8")
-    assert words in refused("sil", "--suite", "tracking", "--limits", "mine.toml")
+    assert words in refused("suite", "tracking", "--limits", "mine.toml")
 
 
 def car(number: int, overshoot: float, error: str = "", roll: float = 4.0) -> CarResult:
@@ -120,17 +127,17 @@ def test_suite_of_random_cars(run: Run, monkeypatch: pytest.MonkeyPatch, here: P
         return CarsResult(seed, tuple(car(number, 4.0) for number in range(1, count + 1)))
 
     monkeypatch.setattr(cars, "run_cars", give)
-    answer = run("sil", "--suite", "cars")
+    answer = run("suite", "cars")
     assert answer.code == 0, answer
     assert (
         "8 of 8 cars meet all limits" in answer.out and "car 1: 2,000 kg, 2.90 m, 1.00 deg/g, 5.0 deg, 50 ms: all" in answer.out
     )
-    data = json.loads(run("sil", "--suite", "cars", "--cars", "2", "--seed", "5", "--json").out)
+    data = json.loads(run("suite", "cars", "--cars", "2", "--seed", "5", "--json").out)
     assert (data["seed"], data["passed"], len(data["cars"]), asked) == (5, 2, 2, [(1, 8), (5, 2)])
     assert data["passed_on"] == {"nominal": 2, "roll": 2, "ideal": 0}
     mixed = CarsResult(1, (car(1, 4.0), car(2, 5.5), car(3, 1.0, "no gains"), car(4, 4.0, roll=6.0)))
     monkeypatch.setattr(cars, "run_cars", lambda *_: mixed)
-    answer = run("sil", "--suite", "cars", "--cars", "4")
+    answer = run("suite", "cars", "--cars", "4")
     assert answer.code == 1 and "car 2: 2,000 kg" in answer.out
     assert "1 of 4 cars meet all limits; on each plant alone: 2 as configured, 2 roll plant, 0 ideal plant" in answer.out
     missed = "car 2: overshoot 5.50 % (at most 5 %); car 3: no gains; car 4: overshoot, roll plant 6.00 % (at most 5 %)"
@@ -143,16 +150,14 @@ def test_suite_of_references(run: Run, refused: Refused, monkeypatch: pytest.Mon
     result = made_references.made()
     monkeypatch.setattr(references, "run_references", lambda candidate, _: (seen.append(candidate), result)[1])
     monkeypatch.setattr(suite_plots, "figures", lambda shown: {"price": suite_plots.price_figure(shown)})
-    answer = run("sil", "--suite", "references", "--plot", "overview.png", "-o", "pictures")
+    answer = run("suite", "references", "--plot", "overview.png", "-o", "pictures")
     assert answer.code == 0, answer
     assert answer.out.startswith("suite references: the recommended preset\n\nReferences under the same controller")
     assert "plot: overview.png" in answer.out and "plot: pictures/price.png" in answer.out
     assert Path("overview.png").read_bytes() == Path("pictures/overview.png").read_bytes()
-    data = json.loads(run("sil", "--suite", "references", "--json").out)
+    data = json.loads(run("suite", "references", "--json").out)
     assert (data["same_as"], data["feasible_percent"]["pi"], data["pictures"]) == ({"envelope": "pi"}, 20.0, [])
     assert "requirements" not in data and data["configuration"].startswith("the recommended preset")
     assert [candidate.config for candidate in seen] == [configuration.preset("recommended")] * 2
     Path("limits.toml").write_text("", encoding="utf-8")
-    assert "--limits: this suite has no limits; leave it out" in refused(
-        "sil", "--suite", "references", "--limits", "limits.toml"
-    )
+    assert "--limits: this suite has no limits; leave it out" in refused("suite", "references", "--limits", "limits.toml")

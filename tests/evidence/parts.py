@@ -97,7 +97,7 @@ INSTALLED = ("pyproject.toml", "requirements*.lock", "ars_codegen/*", "Makefile"
 READ = ("codegen/logs/*", "codegen/importing/*", "codegen/identify/channels.py")
 FIRMWARE = ("make", "arm-none-eabi-gcc", "qemu-system-arm")
 PARTS = (
-    Part("guide", ("README.md", "docs/*.md", *COMMANDS), tools=(*FIRMWARE, "octave-cli", "mkoctfile")),
+    Part("guide", ("README.md", "docs/*.md", "docs/notebooks/*", *COMMANDS), tools=(*FIRMWARE, "octave-cli", "mkoctfile")),
     Part("vcan", BENCH),
     Part("browser", PAGES, tools=("chromium",)),
     Part("builds", ("generated/4ws2*/manifest.json", *C, *VERIFY), "builds", ("gcc", "frama-c")),

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from codegen.configuration import parse, preset, preset_text
+from codegen.identify import held as holding
 from codegen.identify.doubts import doubts
 from codegen.identify.held import undetermined_curves
 from codegen.identify.identifiability import analyse
@@ -114,12 +115,12 @@ def test_a_curve_that_goes_far_beyond_the_drives_is_not_determined(monkeypatch: 
     judged = analyse(prior.parameters, fitted.free, fitted.covariance, fitted.information)
     assert undetermined_curves(fitted, judged, config) == []
     held = ["front_load_sensitivity", "front_shape"]
-    monkeypatch.setattr("codegen.identify.held.reached", lambda *_: REACHED)
+    monkeypatch.setattr(holding, "reached", lambda *_: REACHED)
     at_end = np.where(np.array(prior.names) == held[0], BY_NAME[held[0]].low, fitted.values)
     assert undetermined_curves(dataclasses.replace(fitted, values=at_end), judged, config) == held
     changes: list[dict[str, tuple[float, float]]] = [{"friction": (0.8, 1.0)}, {"slip": (3.5 * DEGREE, 20.0 * DEGREE)}]
     for less in changes:
-        monkeypatch.setattr("codegen.identify.held.reached", lambda *_, less=less: dataclasses.replace(REACHED, **less))
+        monkeypatch.setattr(holding, "reached", lambda *_, less=less: dataclasses.replace(REACHED, **less))
         assert undetermined_curves(fitted, judged, config) == held
 
 

@@ -18,7 +18,7 @@ from codegen.sweep.engine import Answer, Dask
 def test_nobody_or_another_program_at_the_address(greeting: bytes | None, monkeypatch: pytest.MonkeyPatch) -> None:
     """The cases: no listener; one that waits for a request, as Dask's client does too; one whose first bytes resemble a
     size."""
-    monkeypatch.setattr("codegen.sweep.engine.CONNECT_TIMEOUT", 0.3)
+    monkeypatch.setattr(engine, "CONNECT_TIMEOUT", 0.3)
     connections: list[socket.socket] = []
 
     def listen() -> None:

@@ -11,6 +11,7 @@ from codegen.configuration import parse
 from codegen.report.html.blocks import Text
 from codegen.report.html.robust import region_blocks
 from codegen.sil.batch import BatchSoftware
+from codegen.sweep import region as regions
 from codegen.sweep.region import (
     ALONE_UNSTABLE,
     FRICTIONS,
@@ -57,7 +58,7 @@ def test_the_papers_loop_is_unstable_at_high_speed(driven: Region, linear: Regio
 def test_with_motor_and_backlash_the_gain_margins_are_those_of_the_generated_c(monkeypatch: pytest.MonkeyPatch) -> None:
     """Within 5 % of the gain, half of what the report checks. Within its play the loop has no gain, so that even beyond its
     margin it would be stable; outside of it the rear wheels lag behind the motor, which costs 5 to 10 %."""
-    monkeypatch.setattr("codegen.sweep.region.MARGIN_SHARES", (0.95, 1.05))
+    monkeypatch.setattr(regions, "MARGIN_SHARES", (0.95, 1.05))
     build = Subject.read(GENERATED / "4ws2")
     config = parse(build.manifest["configuration"], "manifest.json")
     assert config.plant.backlash_deg > 0.0

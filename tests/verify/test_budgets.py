@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import pytest
 
+from codegen.verify.budgets import bounded_loops, measure
 from codegen.verify.budgets import check as budgets
 from codegen.verify.budgets.measure import CYCLE
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
@@ -28,7 +29,7 @@ AMPLE_BUDGETS = {
 def few_calls(monkeypatch: pytest.MonkeyPatch) -> None:
     """Count so few calls that only a fault in every call is found."""
     for name, value in {"QUICK_SAMPLES": 40, "USUAL_SAMPLES": 10, "SAMPLES": 100}.items():
-        monkeypatch.setattr(f"codegen.verify.budgets.measure.{name}", value)
+        monkeypatch.setattr(measure, name, value)
 
 
 @functools.cache
@@ -51,7 +52,7 @@ def run(subject: Subject, limits: Mapping[str, int] | None = None, search_loops:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("CC", "no-such-compiler")
         if not search_loops:
-            patch.setattr("codegen.verify.budgets.bounded_loops.complaints", lambda files, manifest: ())
+            patch.setattr(bounded_loops, "complaints", lambda files, manifest: ())
         return budgets.check(Subject("planted", subject.files, {**PI.manifest, "configuration": configuration}), QUICK)
 
 

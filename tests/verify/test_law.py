@@ -4,6 +4,7 @@ import dataclasses
 
 import pytest
 
+from codegen.verify.budgets import bounded_loops
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.law import check as law
 from codegen.verify.packages import MissingTool
@@ -17,7 +18,7 @@ def few_drives(monkeypatch: pytest.MonkeyPatch) -> None:
     """Simulate few drives and no long ones, and skip the slow search for endless loops."""
     monkeypatch.setattr(law.LongDrives, "drives", lambda self: iter(()))
     monkeypatch.setattr(law, "SIZE_QUICK", law.Size(60, 300, 3, 2000, all_long_drives=False))
-    monkeypatch.setattr("codegen.verify.budgets.bounded_loops.complaints", lambda files, manifest: ())
+    monkeypatch.setattr(bounded_loops, "complaints", lambda files, manifest: ())
 
 
 def checked(subject: Subject) -> Outcome:

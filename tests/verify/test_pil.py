@@ -4,6 +4,7 @@ import sys
 
 import pytest
 
+from codegen.verify.budgets import bounded_loops
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.packages import MissingTool
 from codegen.verify.pil import check as pil
@@ -21,7 +22,7 @@ def little_work(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pil, "QUICK_STEPS", STEPS)
     monkeypatch.setattr(pil, "CORES", {True: (POWERPC_BE,)})
     monkeypatch.setattr(pil, "_dynamics", lambda *given: {})
-    monkeypatch.setattr("codegen.verify.budgets.bounded_loops.complaints", lambda files, manifest: ())
+    monkeypatch.setattr(bounded_loops, "complaints", lambda files, manifest: ())
 
 
 def checked(subject: Subject) -> Outcome:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from codegen.verify.law import pairs
 from codegen.verify.law.pairs import Pair, Result, Stretch, compare, state_of
 
 
@@ -44,7 +45,7 @@ def test_a_difference_is_found_at_its_sample(wrong: int) -> None:
 
 
 def test_a_law_that_does_not_settle_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("codegen.verify.law.pairs.SETTLING_MAX", 100)
+    monkeypatch.setattr(pairs, "SETTLING_MAX", 100)
     assert compare(Counters(500, -1), [Stretch([1], 1_000)]) == Result(None, compared=100, unsettled=1)
 
 

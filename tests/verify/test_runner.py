@@ -13,6 +13,7 @@ import pytest
 from codegen.emit.manual import manual
 from codegen.errors import CodegenError
 from codegen.verify import record, runner
+from codegen.verify.budgets import bounded_loops
 from codegen.verify.check import Effort, Subject, Verdict
 from codegen.verify.runner import CRASHED, LEFT_OUT, Registered, VerificationReport
 
@@ -71,7 +72,7 @@ def test_loops_are_searched_once_and_a_crash_meanwhile_ends_no_other_check(monke
             process.join()  # the crash of one process ends the others
         return ("src/x.c:1: while",)
 
-    monkeypatch.setattr("codegen.verify.budgets.bounded_loops.complaints", complaints)  # in this process only
+    monkeypatch.setattr(bounded_loops, "complaints", complaints)  # in this process only
     checks, counts = [registered(name) for name in ("crashing", "passing", "bounded")], []
     found = runner.run(Subject.read(BUILD), Effort(quick=True), lambda *count: counts.append(count), checks)
     assert [outcome.verdict for outcome in found.outcomes.values()] == [FAILED, PASSED, PASSED]

@@ -6,10 +6,11 @@ import hashlib
 import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from codegen import configuration
+from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.emit.laws import is_untuned
 from codegen.emit.manifest import read_build
@@ -42,20 +43,30 @@ class Request:
     """Arguments of the command.
 
     Attributes:
-        map_path: the map. compare: maps to compare with; none selects that of the car without rear steering.
+        map_path: the map, or its place in messages. compare: maps to compare with; none selects that of the car without rear
+        steering.
         build: folder of its C. runs: arguments of `--run`. scenario: recorded or to be simulated; None selects the default, or
         that of the recordings.
         simulate: whether to simulate a build without recordings, and to test its faults.
         channel: the bus of the logs that is used; None for all.
+        map, data: the map and the content of its file, if they were read before.
+        recorded: name -> recording of runs that are no files.
     """
 
     map_path: Path
-    compare: Sequence[Path] = ()
+    compare: Sequence[Path | NamedMap] = ()
     build: Path | None = None
     runs: Sequence[str] = ()
-    scenario: str | None = None
+    scenario: str | Scenario | None = None
     simulate: bool = True
     channel: str | None = None
+    map: ReferenceMap | None = None
+    data: bytes | None = None
+    recorded: Mapping[str, FloatArray] = field(default_factory=dict)
+
+    def scenario_for(self, config: Config) -> Scenario:
+        """Return the named scenario, else the default one. Raises CodegenError if there is none of that name."""
+        return self.scenario if isinstance(self.scenario, Scenario) else find(self.scenario or DEFAULT, config)
 
 
 @dataclass(frozen=True)
@@ -79,7 +90,7 @@ def read(request: Request) -> Read:
     Raises:
         CodegenError: a file is missing or invalid, or the scenario does not exist.
     """
-    one = npz.load(request.map_path)
+    one = npz.load(request.map_path) if request.map is None else request.map
     chosen = choose_config(one, None)
     config, notes = chosen.config, list(chosen.notes)
     if request.build is not None:  # it defines the car, even for a bare map
@@ -88,16 +99,22 @@ def read(request: Request) -> Read:
             config = configuration.parse(manifest["configuration"], "manifest.json: configuration")
         notes = _differences(request, config, one.config)
     others: list[NamedMap] = []
-    for path in request.compare:
+    for given in request.compare:
         taken = {request.map_path.stem, *(other.name for other in others)}
-        others.append(NamedMap(path.stem if path.stem not in taken else str(path), npz.load(path)))
+        if isinstance(given, NamedMap):
+            others.append(given if given.name not in taken else replace(given, name=f"{given.name} {len(taken)}"))
+        else:
+            others.append(NamedMap(given.stem if given.stem not in taken else str(given), npz.load(given)))
     files = read_files(request.runs, config.can, request.channel)
+    if request.recorded:
+        paths = {**{name: Path(name) for name in request.recorded}, **files.paths}
+        files = replace(files, runs={**request.recorded, **files.runs}, paths=paths)
     scenario = None
     if files.runs:
         scenario = _scenario_of(files, request, config)
         _require_step(files, scenario)
     elif request.scenario is not None or (request.build is not None and request.simulate):
-        scenario = find(request.scenario or DEFAULT, config)
+        scenario = request.scenario_for(config)
     material = Material(
         NamedMap(request.map_path.stem, one),
         others,
@@ -154,7 +171,8 @@ def _linear_regions(loops: Mapping[str, Config]) -> dict[str, Region]:
 
 def _is_built_from(request: Request) -> bool:
     """Return whether the build was made from the map of the report."""
-    given = hashlib.sha256(request.map_path.read_bytes()).hexdigest()
+    data = request.map_path.read_bytes() if request.data is None else request.data
+    given = hashlib.sha256(data).hexdigest()
     return request.build is not None and read_build(request.build)["inputs"]["map"]["sha256"] == given
 
 
@@ -170,7 +188,7 @@ def _differences(request: Request, config: Config, own: Config | None) -> list[s
 def _scenario_of(files: Files, request: Request, config: Config) -> Scenario:
     """Return the scenario that the user names, else the one of the first recording."""
     if request.scenario is not None:
-        return find(request.scenario, config)
+        return request.scenario_for(config)
     name, path = next(iter(files.paths.items()))
     return replace(of_run(files.runs[name], path), subject=f"Recording {name}")
 

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from codegen.errors import BuildError, CodegenError
+from codegen.sweep import engine as engines
 from codegen.sweep import plan as planning
 from codegen.sweep.chunk import Table, Work
 from codegen.sweep.engine import Dask, Threads, run_campaign
@@ -100,7 +101,7 @@ def test_a_cluster_gives_the_same_bytes_despite_a_killed_worker(
         assert died.exists()
         with pytest.raises(BuildError, match=r"^Dask worker tcp://\S+: --isa: no such instructions; take others$"):
             list(engine.run(lacking_instructions, [0]))
-        monkeypatch.setattr("codegen.sweep.engine.identity", lambda: {**identity(), "numpy": "0.1"})
+        monkeypatch.setattr(engines, "identity", lambda: {**identity(), "numpy": "0.1"})
         message = rf"^Dask worker tcp://\S+: it has numpy {np.__version__}, and the campaign 0\.1; install the same"
         with pytest.raises(BuildError, match=message):
             list(engine.run(Work(plan), [0]))

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 
+from codegen.verify.budgets import bounded_loops, measure
 from codegen.verify.budgets import check as budgets
 from codegen.verify.budgets.measure import CYCLE, measure_step
 from codegen.verify.check import Effort, Subject, Verdict
@@ -97,8 +98,8 @@ def test_a_rare_long_step_is_found(unit: str, place: str, condition: str, goes_o
 
 def test_stack_use_unknown_to_the_compiler_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few calls are enough, because every call uses it. The search for loops would reject the assembly."""
-    monkeypatch.setattr("codegen.verify.budgets.measure.QUICK_SAMPLES", 40)
-    monkeypatch.setattr("codegen.verify.budgets.bounded_loops.complaints", lambda *given: ())
+    monkeypatch.setattr(measure, "QUICK_SAMPLES", 40)
+    monkeypatch.setattr(bounded_loops, "complaints", lambda *given: ())
     hidden = '    __asm__ volatile ("sub sp, #512; str r0, [sp]; add sp, #512" ::: "memory");\n'
     findings = budgets.check(planted.started(PI, "ars_limiter_step", hidden), QUICK).findings
     pattern = r"\d+ bytes of stack were used; the bound from the compiler's frames is \d+"

@@ -5,6 +5,7 @@ import re
 
 import pytest
 
+from codegen.verify.budgets import bounded_loops
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.law import check as law
 from tests.verify import builds, planted
@@ -16,7 +17,7 @@ PI = builds.made("pi", "uneven")
 def few_drives(monkeypatch: pytest.MonkeyPatch) -> None:
     """Simulate few drives, and skip the slow search for endless loops."""
     monkeypatch.setattr(law, "SIZE_QUICK", law.Size(60, 300, 3, 200, all_long_drives=False))
-    monkeypatch.setattr("codegen.verify.budgets.bounded_loops.complaints", lambda files, manifest: ())
+    monkeypatch.setattr(bounded_loops, "complaints", lambda files, manifest: ())
 
 
 def checked(subject: Subject) -> Outcome:

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 
+from codegen.verify.budgets import bounded_loops
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.pil import check as pil
 from codegen.verify.pil.check import streams
@@ -27,7 +28,7 @@ def few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
 def no_dynamics(monkeypatch: pytest.MonkeyPatch) -> None:
     """Skip the dynamics and the search for endless loops."""
     monkeypatch.setattr(pil, "_dynamics", lambda *given: {})
-    monkeypatch.setattr("codegen.verify.budgets.bounded_loops.complaints", lambda files, manifest: ())
+    monkeypatch.setattr(bounded_loops, "complaints", lambda files, manifest: ())
 
 
 def on(monkeypatch: pytest.MonkeyPatch, core: Core) -> None:

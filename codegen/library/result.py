@@ -1,0 +1,159 @@
+"""Common base of all results, progress, and the conversion of arguments."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar, cast
+
+from pydantic import ConfigDict, ValidationError, validate_call
+
+from codegen import console
+from codegen.errors import CheckFailed, CodegenError, one_line, suggestion
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Progress = Callable[[float], object]
+"""A function that is called with the share of the work that is done, from 0 to 1."""
+
+PathLike = str | Path
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def public(function: Function) -> Function:
+    """Check the types of a public function's arguments against its annotations. Wrong ones are a CodegenError."""
+    checked: list[Callable[..., Any]] = []  # made at the first call, as that takes some milliseconds
+
+    @functools.wraps(function)
+    def call(*arguments: Any, **named: Any) -> Any:
+        if not checked:
+            checked.append(validate_call(config=ConfigDict(arbitrary_types_allowed=True))(function))
+        try:
+            return checked[0](*map(_plain, arguments), **{name: _plain(value) for name, value in named.items()})
+        except ValidationError as error:
+            if error.title != function.__name__:  # raised inside
+                raise
+            raise _wrong_argument(function, error) from None
+
+    return cast(Function, call)
+
+
+def _plain(value: Any) -> Any:
+    """Return arrays and numbers of NumPy as those of Python."""
+    return value.tolist() if hasattr(value, "tolist") else value
+
+
+def _wrong_argument(function: Callable[..., Any], error: ValidationError) -> CodegenError:
+    """Return the error for the first wrong argument."""
+    fault = error.errors(include_url=False)[0]
+    known = list(inspect.signature(function).parameters)
+    place = fault["loc"][0]
+    name, where = known[place] if isinstance(place, int) and place < len(known) else str(place), f"codegen.{function.__name__}"
+    if fault["type"] in ("unexpected_keyword_argument", "unexpected_positional_argument"):
+        return CodegenError(
+            f"there is no argument {name!r}", where=where, remedy=f"known: {', '.join(known)}{suggestion(name, known)}"
+        )
+    if fault["type"].startswith("missing_argument"):
+        return CodegenError(f"the argument {name!r} is missing", where=where, remedy=f"its arguments are {', '.join(known)}")
+    remedy = str(fault["msg"]).replace("Input should be", "give")
+    return CodegenError(f"{one_line(repr(fault['input']), 60)} is no {name}", where=where, remedy=remedy)
+
+
+class Result:
+    """A result: attributes for programs, `lines()` for people, `to_dict()` for JSON, and a view in notebooks.
+
+    Attributes:
+        notes: what the user should know about how the result was made.
+        warnings: what may be wrong with the input.
+        failure: why a check failed; "" if none did.
+    """
+
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    failure: CheckFailed | None = None
+
+    def lines(self) -> Iterable[str]:
+        """Return the result as lines of text, tables included."""
+        raise NotImplementedError
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result as JSON values."""
+        raise NotImplementedError
+
+    def __str__(self) -> str:
+        return "\n".join(self.lines())
+
+    def _figure(self) -> Figure | None:
+        """Return the picture for notebooks; None without one."""
+        return None
+
+    def _repr_html_(self) -> str:
+        from base64 import b64encode
+
+        told = "\n".join([*(f"warning: {text}" for text in self.warnings), *self.lines()])
+        figure, picture = self._figure(), ""
+        if figure is not None:
+            from codegen.report.style import to_png
+
+            picture = f'<img style="max-width: 100%" src="data:image/png;base64,{b64encode(to_png(figure)).decode("ascii")}">'
+        return f"{picture}<pre>{escape(told)}</pre>"
+
+
+def drawn(figure: Figure, path: PathLike | None) -> Figure:
+    """Return a figure, after writing it as PNG if there is a path. Raises CodegenError: see `codegen.report.style.save`."""
+    if path is not None:
+        from codegen.report.style import save
+
+        save(figure, Path(path))
+    return figure
+
+
+class Work:
+    """Progress of a function in `stages` parts of about equal length.
+
+    The command line shows each stage with its title; any other callback gets the share of the whole.
+    """
+
+    def __init__(self, progress: Progress | None, stages: int = 1) -> None:
+        self._progress, self._stages, self._done, self._share = progress, stages, 0, 0.0
+        self._is_shown = progress is console.shown
+
+    @contextmanager
+    def stage(self, title: str) -> Iterator[console.Tell]:
+        """Begin a stage, which reports its steps."""
+        if self._is_shown:
+            with console.progress(title) as tell:
+                yield tell
+            return
+        yield self._tell
+        self._end()
+
+    @contextmanager
+    def status(self, title: str) -> Iterator[None]:
+        """Begin a stage of unknown length."""
+        with console.status(title, quiet=not self._is_shown):
+            yield
+        self._end()
+
+    def _end(self) -> None:
+        self._done += 1
+        self._tell(0, 1)
+
+    def _tell(self, done: int, total: int, step: str = "") -> None:
+        del step
+        share = min((self._done + min(done / max(total, 1), 1.0)) / self._stages, 1.0)
+        if self._progress is not None and share > self._share:  # a stage may count several times
+            self._share = share
+            self._progress(share)
+
+
+def path_of(path: object, what: str) -> Path:
+    """Return a path given as text or `Path`. Raises CodegenError for anything else."""
+    if isinstance(path, (str, Path)):
+        return Path(path)
+    raise CodegenError(f"{what} is needed, not {type(path).__name__}", remedy="give its path as text")
