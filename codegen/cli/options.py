@@ -16,8 +16,8 @@ import click
 from codegen.cli.base import json_option
 from codegen.errors import CodegenError
 from codegen.files import read_text
-from codegen.logs.formats import ENDINGS
 from codegen.library.quantities import MEMORY, YAW_RATE, Kind
+from codegen.logs.formats import ENDINGS
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
