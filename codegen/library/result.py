@@ -54,7 +54,9 @@ def _wrong_argument(function: Callable[..., Any], error: ValidationError) -> Cod
     known = list(inspect.signature(function).parameters)
     place = fault["loc"][0]
     name, where = known[place] if isinstance(place, int) and place < len(known) else str(place), f"codegen.{function.__name__}"
-    if fault["type"] in ("unexpected_keyword_argument", "unexpected_positional_argument"):
+    if fault["type"] == "unexpected_positional_argument":
+        return CodegenError("too many arguments without a name", where=where, remedy=f"its arguments are {', '.join(known)}")
+    if fault["type"] == "unexpected_keyword_argument":
         return CodegenError(
             f"there is no argument {name!r}", where=where, remedy=f"known: {', '.join(known)}{suggestion(name, known)}"
         )
@@ -109,7 +111,7 @@ def drawn(figure: Figure, path: PathLike | None) -> Figure:
     if path is not None:
         from codegen.report.style import save
 
-        save(figure, Path(path))
+        save(figure, path_of(path, "the path of a picture"))
     return figure
 
 

@@ -236,7 +236,7 @@ def run(
     Raises:
         CodegenError: there is no such scenario, it does not take a value, or the C does not compile.
     """
-    folder, work = folder_of(build), Work(progress, 4 if baselines else 3)
+    folder, work = folder_of(build), Work(progress, 3 if baselines else 2)
     _refuse(plant, through_can, clock_drift_ppm, jitter_ms, sensors)
     config, notes = None, []
     if map is not None:

@@ -21,11 +21,12 @@ def markdown() -> str:
 
 
 def _arguments(function: object) -> str:
-    """Return the names of the arguments; those after `*` are given by name."""
+    """Return the names of the arguments, with `*` before those that are given by name, and `**` before any others."""
     parameters = inspect.signature(function).parameters.values()  # type: ignore[arg-type]
     named = [each.name for each in parameters if each.kind is each.KEYWORD_ONLY]
-    first = [each.name for each in parameters if each.kind is not each.KEYWORD_ONLY]
-    return ", ".join([*first, *(["*", *named] if named else [])])
+    others = [f"**{each.name}" for each in parameters if each.kind is each.VAR_KEYWORD]
+    first = [each.name for each in parameters if each.kind is each.POSITIONAL_OR_KEYWORD]
+    return ", ".join([*first, *(["*", *named] if named else []), *others])
 
 
 def _first(value: object) -> str:

@@ -164,6 +164,10 @@ def test_wrong_input_of_a_run_is_one_line(build: ars.Build, run: ars.Run) -> Non
         run["yaw_rate"]
     with pytest.raises(ars.CodegenError, match="no format for a run"):
         run.save("run.xls")
+    with pytest.raises(ars.CodegenError, match="the path of a picture is needed, not int"):
+        run.plot(3)  # type: ignore[arg-type]
+    with pytest.raises(ars.CodegenError, match="too many arguments without a name"):
+        ars.export(build, "fmu", "car.fmu", {"fmi": "2"})  # type: ignore[call-arg]
 
 
 def test_the_import_is_fast_and_the_names_are_known() -> None:
