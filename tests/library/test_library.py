@@ -69,12 +69,15 @@ def test_the_schema_of_a_configuration() -> None:
     assert mass["description"] == "m, with the load of normal operation; 200 to 60000 kg"
 
 
-def test_progress_is_a_rising_share() -> None:
+def test_progress_is_a_rising_share(build: ars.Build) -> None:
     shares: list[float] = []
     few = {"grid.speed_points": 4, "grid.front_angle_points": 3}
     frictions = np.array([0.5, 0.9])
     ars.solve(ars.preset("paper").replace(few), method="ipopt", friction=frictions, progress=shares.append)
     assert shares == sorted(set(shares)) and 0.0 < shares[0] < shares[-1] == 1.0
+    shares.clear()
+    ars.run(build, "step-steer", progress=shares.append)
+    assert shares == sorted(set(shares)) and shares[-1] == 1.0
 
 
 def test_a_check_has_the_judgement_of_the_map() -> None:
