@@ -44,7 +44,7 @@ CONTROLLED, PASSIVE = "controlled", "passive"
 
 @dataclass(frozen=True, kw_only=True)
 class Recording:
-    """What a run recorded, and what its results are computed from.
+    """Recorded data of a run, from which its results are computed.
 
     Attributes:
         title: the build, and the bus if there is one.
