@@ -246,8 +246,8 @@ def _step_bound_deg(case: FaultCase, result: BenchResult, config: Config) -> flo
 
     It follows from the rate limits; without any, from the feedback for the largest error of the run; for a feedforward
     without a rate limit, from its range. If commands are lost, the controller continues meanwhile, up to its distance from
-    the measured rear angle. If its samples are lost too, it predicts for a few samples; after the fail-safe it starts from
-    the measured rear angle.
+    the measured rear angle. If its samples are lost too, it predicts for a few samples; the fail-safe starts from the
+    measured rear angle.
     """
     controller, code = config.controller, math.degrees(config.can.rear_steer_command.real("rear_angle").factor)
     limits = [rate for rate in (controller.rear_rate_max_deg_s, config.limiter.rear_rate_max_deg_s) if rate != "off"]
@@ -276,7 +276,9 @@ def _step_bound_deg(case: FaultCase, result: BenchResult, config: Config) -> flo
         for fault in case.faults
         if fault.kind in ("drop", "delay") and fault.message is None and fault.duration > predicted_s
     ]
-    # The first command after a silence starts from the measured angle, which lags behind.
+    fails = _column(result, "status") == Status.FAIL_SAFE
+    ends += time[1:][fails[1:] & ~fails[:-1]].tolist()
+    # The first command after a silence, and the return when control ends, start from the measured angle, which lags behind.
     bound += max((apart[np.abs(time - end) < 2.5 * controller.sampling_time_s].max() for end in ends), default=0.0)
     silent = sum(fault.duration for fault in case.faults if fault.kind in ("bus-down", "plant-restart"))
     predicted = min(round(silent / controller.sampling_time_s), controller.fail_safe.degraded_samples_max)

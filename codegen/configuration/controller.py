@@ -121,11 +121,11 @@ class FailSafe(Section):
     angle returns to zero."""
 
     degraded_samples_max: Annotated[
-        int, Meaning("missing samples minus good ones that are predicted before a signal is replaced")
+        int, Meaning("missing samples minus twice the good ones that are predicted before a signal is replaced")
     ] = Field(default=3, ge=0, le=1_000)
     recovery_samples: Annotated[
         int,
-        Meaning("consecutive good samples that end it; lost frames count as bad until their message is valid again (can.e2e)"),
+        Meaning("good samples minus missing ones that end it; lost frames count until their message is valid again (can.e2e)"),
     ] = Field(default=10, ge=1, le=RECOVERY_SAMPLES_MAX)
     rate_deg_s: Annotated[float, Range(0.2, 100.0, "deg/s"), Meaning("rate of the ramp to zero")] = 3.0
 

@@ -19,7 +19,7 @@ from typing import Annotated, Any, get_args, get_type_hints
 STATUSES = {
     "TRACKING": "following the reference",
     "LIMITED": "following, with the command at a limit: angle, rate, distance to the measured angle, or the limiter's",
-    "STANDBY": "too slow (with hysteresis), or reversing: the rear angle returns to zero",
+    "STANDBY": "no speed yet, or inhibited for good, then the rear angle returns to zero; kind pi: also too slow or reversing",
     "DEGRADED": "following, with one signal estimated or shortly predicted, or with held integrator: the loop is impaired",
     "FAIL_SAFE": "neither front angle nor yaw rate is valid: the rear angle returns to zero",
 }

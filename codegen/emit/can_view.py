@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import groupby
 
@@ -321,11 +322,19 @@ class CanView:
         return self.e2e.profile
 
 
+ANGLE_WAIT_S, WHEELS_WAIT_S = 0.1, 5.0
+"""Times for which the command waits for the rear angle, and for wheels that do not follow."""
+
+
 @dataclass(frozen=True)
 class TaskView:
-    """The cyclic task."""
+    """The cyclic task: its function, and the samples in which it waits for the rear angle and for wheels that do not follow."""
 
     function: str
+    angle_wait_max: int
+    angle_wait_text: str
+    wheels_wait_max: int
+    wheels_wait_text: str
 
 
 def task_name(sampling_time: float) -> str:
@@ -336,7 +345,11 @@ def task_name(sampling_time: float) -> str:
 
 def task_view(config: Config) -> TaskView:
     """Return the view of the configured sampling time."""
-    return TaskView(task_name(config.controller.sampling_time_s))
+    period = config.controller.sampling_time_s
+    angle, wheels = (max(math.floor(time / period + 1e-9), 1) for time in (ANGLE_WAIT_S, WHEELS_WAIT_S))
+    return TaskView(
+        task_name(period), angle, f"{decimal(angle * period * 1e3)} ms", wheels, f"{decimal(wheels * period)} s"
+    )
 
 
 def can_view(config: Config, precision: Precision) -> CanView:

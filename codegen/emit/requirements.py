@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -63,6 +64,9 @@ def _of_supervision() -> tuple[Requirement, ...]:
         for cause, row in CAUSES.items()
     )
 
+
+STARTED, MOVED, REACHED, HELD = (f"task_10ms_{part}" for part in ("started", "moved", "reached", "held"))
+"""Stand for the proofs of where the task's command starts and how it moves; their names have the period of the build."""
 
 _PACKED = ("can_pack_vehicle_motion", "can_pack_vehicle_conditions", "can_pack_rear_steer_command")
 
@@ -230,7 +234,7 @@ REQUIREMENTS = (
     Requirement(
         "ARS-SUP-1",
         "After a silence that led to the fail-safe, commands start from the measured rear angle, or the last measured one.",
-        ("controller_place",),
+        ("controller_place", STARTED),
         ("law", "sanitizers"),
         ("hil_sim/test_task_events.py",),
     ),
@@ -261,6 +265,14 @@ REQUIREMENTS = (
         " longer than inhibit_samples_max, the command returns to zero.",
         (),
         ("law",),
+        ("sil/answers_task.py",),
+    ),
+    Requirement(
+        "ARS-SUP-6",
+        "From sample to sample the command moves within its rate limit, from the last command or to the measured rear angle;"
+        " without control it waits for wheels that do not follow, and for a stuck actuator it returns to them.",
+        (MOVED, REACHED, HELD),
+        ("law", "sanitizers"),
         ("sil/answers_task.py",),
     ),
     *_of_supervision(),
@@ -331,14 +343,16 @@ def entries(checks: Mapping[str, Mapping[str, Any]], prefix: str) -> list[dict[s
     """
     recorded = checks.get("contracts", {}).get("figures", {}).get("harnesses")
     harnesses = recorded if isinstance(recorded, Mapping) else {}
+    renamed = {re.sub(r"_task_\d+[mu]s_", "_task_10ms_", name): name for name in harnesses}
     found = []
     for each in REQUIREMENTS:
-        proofs = [harnesses[f"{prefix}_{name}"] for name in each.contracts if f"{prefix}_{name}" in harnesses]
+        names = [renamed.get(f"{prefix}_{name}", f"{prefix}_{name}") for name in each.contracts]
+        proofs = [harnesses[name] for name in names if name in harnesses]
         results = [*proofs, *(checks[name]["verdict"] for name in each.checks if name in checks)]
         if len(proofs) < len(each.contracts) or not results:
             results.append(NOT_RUN)
         engines = [ENGINES[name] for name in (*(["contracts"] if each.contracts else []), *each.checks)]
-        proved = [f"prove_{prefix}_{name}" for name in each.contracts] or ["all"] * ("contracts" in each.checks)
+        proved = [f"prove_{name}" for name in names] or ["all"] * ("contracts" in each.checks)
         worst = next((result for result in RESULTS if result in results), SHOWN)
         row = (each.id, each.text, ", ".join(engines), ", ".join(proved), ", ".join(each.tests), worst)
         found.append(dict(zip(HEADER, row, strict=True)))

@@ -19,7 +19,7 @@ class Reaction(enum.Enum):
 
     FOLLOW = "the command of the control law"
     PREDICT = "the command of the control law, which continues from the last sample"
-    RAMP = "the command returns to zero at a limited rate"
+    RAMP = "the command returns to zero at a limited rate, from the measured angle, and waits for wheels that do not follow"
     REST = "the command returns to zero at a limited rate; before the first speed, it is held"
     NOT_AVAILABLE = 'no command ("not available"), the actuator holds its angle'
 
@@ -97,12 +97,14 @@ class CauseRow:
         leads_to: the next state, from every state that `EXCEPTIONS` does not list.
         bits: bits of `Diagnostics` that may be set with it.
         holds_integrator: it is known before the step of the controller, which then learns nothing.
+        confines: the command returns to where it is no farther out than the wheels, and stays there.
     """
 
     text: str
     leads_to: State
     bits: tuple[str, ...] = ()
     holds_integrator: bool = False
+    confines: bool = False
 
 
 _FRAMES = tuple(f"{side}_{fault}" for side in ("MOTION", "CONDITIONS") for fault in ("MISSING", "WRONG_CRC", "WRONG_COUNTER"))
@@ -126,7 +128,9 @@ CAUSES: Mapping[Cause, CauseRow] = {
         State.DEGRADED,
         ("SPEED_REPLACED", "FRONT_ANGLE_REPLACED", "YAW_RATE_REPLACED"),
     ),
-    Cause.ACTUATOR_STUCK: CauseRow("the rear angle does not follow the command", State.DEGRADED, ("ACTUATOR_STUCK",), True),
+    Cause.ACTUATOR_STUCK: CauseRow(
+        "the rear angle does not follow the command", State.DEGRADED, ("ACTUATOR_STUCK",), holds_integrator=True, confines=True
+    ),
     Cause.TASK_LATE: CauseRow("the task is called too rarely", State.DEGRADED, ("TASK_LATE",), True),
     Cause.CONDITIONS_UNKNOWN: CauseRow(
         "the conditions are not valid: it is unknown whether the car inhibits the integrator",
@@ -165,7 +169,8 @@ def reaction_of(cause: Cause) -> str:
     """Return the reaction to a cause in words, for the tables of manual and guide."""
     row = STATES[CAUSES[cause].leads_to]
     held = ", integrator and learned values are held" if CAUSES[cause].holds_integrator else ""
-    return f"{row.reaction.value}{held}"
+    confined = ", no farther out than the wheels" if CAUSES[cause].confines else ""
+    return f"{row.reaction.value}{confined}{held}"
 
 
 def causes_of_bit(name: str) -> tuple[Cause, ...]:
@@ -179,16 +184,12 @@ class SupervisionView:
 
     states: Mapping[State, StateRow]
     causes: Mapping[Cause, CauseRow]
+    exceptions: Mapping[tuple[State, Cause], State]
 
     @property
     def holding(self) -> int:
         """Bits of the causes that hold the integrator."""
         return sum(1 << cause for cause, row in self.causes.items() if row.holds_integrator)
 
-    @property
-    def next_states(self) -> tuple[tuple[State, tuple[State, ...]], ...]:
-        """Each state with the next ones, by cause."""
-        return tuple((state, tuple(next_state(state, cause) for cause in Cause)) for state in State)
 
-
-VIEW = SupervisionView(STATES, CAUSES)
+VIEW = SupervisionView(STATES, CAUSES, EXCEPTIONS)

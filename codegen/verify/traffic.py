@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from dataclasses import replace
 
 from codegen.configuration import Config
 from codegen.configuration.can import Can
@@ -32,6 +33,14 @@ SHARES = dict.fromkeys((*STANDING, "silent", "half", "late", "garbage"), 1) | {"
 
 FAULT = 0.15
 """Probability of a fault for a frame of noisy traffic."""
+
+
+GAPS, RECOVERY = (1, 2, 12, 40), 25
+"""Lengths of the gaps of a directed drive, from one lost frame to the fail-safe, and the cycles after each."""
+ANGLES = (1.0, 0.5, 1.3)
+"""Measured rear angles of a directed drive, in turn, over the recorded ones: the actuator moves while the bus is silent."""
+INHIBITED, LOST_EVERY = 40, 8
+"""Cycles with Inhibit of a directed drive, and those from one lost frame to the next: the message stays valid."""
 
 
 def frames_of(can: Can, codec: Codec, counter: int, sample: Measurement) -> Cycle:
@@ -74,6 +83,14 @@ def disturbed(config: Config, recorded: Sequence[Cycle], count: int, seed: int =
     return _Traffic(config, recorded, seed).cycles(count)
 
 
+def directed(config: Config, recorded: Sequence[Cycle]) -> list[Cycle]:
+    """Return a recorded drive with gaps of each message and of both, frames of wrong length, and Inhibit with lost frames.
+
+    No cycle if nothing was recorded.
+    """
+    return _Traffic(config, recorded, 0).directed() if recorded else []
+
+
 def restarts_of(count: int, seed: int = 0) -> list[int]:
     """Return the cycles before which the task is initialised: the first, and a few more."""
     generator = random.Random(seed)
@@ -90,7 +107,7 @@ class _Traffic:
         self._counters = dict.fromkeys(self._data_ids, 0)
         self._random = random.Random(seed)
         self._recorded = [cycle for cycle in recorded if len(cycle) == len(messages)]
-        codec = Codec(config.can)
+        self._codec = codec = Codec(config.can)
         self._standing = {}
         for kind, yaw_rate in STANDING.items():
             contents = (codec.encode(VehicleMotion(0.0, 0.0, yaw_rate)), codec.encode(VehicleConditions(0.0)))
@@ -105,6 +122,43 @@ class _Traffic:
             start = self._random.randrange(max(len(self._recorded) - length, 1)) if self._recorded else 0
             found += [self._cycle(kind, start + place) for place in range(length)]
         return found[:count]
+
+    def directed(self) -> list[Cycle]:
+        found: list[Cycle] = []
+        motion, conditions = self._data_ids
+        both, none = (motion, conditions), ()
+
+        def drive(count: int, lost: Collection[int] = none, *, short: Collection[int] = none, inhibit: bool = False) -> None:
+            for _ in range(count):
+                frames = [self._recorded_frame(each, len(found), factor, inhibit) for each in both]
+                frames = [replace(each, data=each.data[:-1]) if each.id in short else each for each in frames]
+                found.append(tuple(each for each in frames if each.id not in lost))
+
+        events = [(length, lost) for length in GAPS for lost in ((motion,), (conditions,), both)]
+        factor = ANGLES[0]
+        drive(RECOVERY)
+        for number in range(INHIBITED):  # first, while the actuator still follows
+            drive(1, (conditions,) if number % LOST_EVERY == LOST_EVERY - 1 else none, inhibit=True)
+        drive(RECOVERY)
+        for number, (length, lost) in enumerate(events):
+            drive(length, lost)
+            factor = ANGLES[(number + 1) % len(ANGLES)]
+            drive(RECOVERY)
+        factor = ANGLES[0]
+        for short in ((motion,), (conditions,), both):
+            drive(1, short=short)
+            drive(RECOVERY)
+        return found
+
+    def _recorded_frame(self, identifier: int, place: int, factor: float, inhibit: bool) -> Frame:
+        """Return a frame of the recorded turn with the next counter, and with another rear angle and Inhibit if it has them."""
+        turn = self._recorded[len(self._recorded) * 2 // 3 :]
+        data = next(frame.data for frame in turn[place % len(turn)] if frame.id == identifier)
+        contents = self._codec.decode(identifier, data)
+        if isinstance(contents, VehicleConditions):
+            changed = replace(contents, rear_angle=factor * contents.rear_angle, inhibit=inhibit or contents.inhibit)
+            data = self._codec.encode(changed)
+        return self._protected(identifier, data)
 
     def _cycle(self, kind: str, place: int) -> Cycle:
         if kind == "garbage":
@@ -129,6 +183,10 @@ class _Traffic:
         elif self._recorded and kind != "random payload":
             cycle = self._recorded[place % len(self._recorded)]
             data = next((frame.data for frame in cycle if frame.id == identifier), data)
+        return self._protected(identifier, data)
+
+    def _protected(self, identifier: int, data: bytes) -> Frame:
+        """Return the frame with the next counter of its message."""
         counter = self._counters[identifier]
         self._counters[identifier] = next_counter(counter, self._profile)
         return Frame(identifier, protect(self._data_ids[identifier], counter, data, self._profile))

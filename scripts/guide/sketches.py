@@ -302,7 +302,7 @@ def status_machine() -> Figure:
         _arrow(axes, (0.45, 7.98), (1.1, 7.22))
         axes.text(0.65, 8.1, "init", va="center")
         _arrow(axes, (3.7, 6.85), (6.3, 6.85))
-        axes.text(5.0, 7.0, "with the first speed;\npi: from the enable speed", ha="center", va="bottom", fontsize=8)
+        axes.text(5.0, 7.0, "with the first speed;\npi: enable speed", ha="center", va="bottom", fontsize=8)
         _arrow(axes, (6.3, 6.35), (3.7, 6.35))
         axes.text(5.0, 6.2, "Inhibit for good; pi:\nbelow the disable speed", ha="center", va="top", fontsize=8)
         _arrow(axes, (9.7, 6.8), (11.0, 6.8))
@@ -310,17 +310,17 @@ def status_machine() -> Figure:
         axes.add_patch(_frame(0.45, 5.2, 13.3, 2.35))
         axes.text(10.6, 7.75, "all signals are valid", ha="center", color=GREY)
         _arrow(axes, (7.4, 5.2), (7.4, 3.3), color=ORANGE)
-        axes.text(7.25, 4.25, "a signal is missing\nor wrong", ha="right", va="center", fontsize=8)
+        axes.text(7.25, 4.25, "a signal is missing or\nwrong, or the loop\nis impaired", ha="right", va="center", fontsize=8)
         _arrow(axes, (8.6, 3.3), (8.6, 5.2))
         axes.text(8.75, 4.25, "it is back,\nor agrees again", va="center", fontsize=8)
         _arrow(axes, (6.2, 2.7), (3.9, 2.7), color=VERMILION)
         axes.text(5.05, 2.55, "neither front angle\nnor yaw rate is\nvalid", ha="center", va="top", fontsize=8)
         _arrow(axes, (2.2, 3.3), (2.2, 5.2))
-        axes.text(2.35, 4.25, "enough good\nsamples in a row", va="center", fontsize=8)
+        axes.text(2.35, 4.25, "enough good\nsamples, more\nthan missing ones", va="center", fontsize=8)
         axes.text(
             7.0,
             0.55,
-            "Which of the three good states follows is judged anew at each sample; the command never jumps.",
+            "Which of the three good states follows is judged anew at each sample.",
             ha="center",
             color=GREY,
             fontsize=8.5,

@@ -223,6 +223,7 @@ UNITS: dict[str, Callable[[Kind], list[Judge]]] = {
             answers_task.check_silence,
             answers_task.check_inhibit_for_good,
             answers_task.check_actuator_is_followed,
+            answers_task.check_command_stays_near_wheels,
         ),
         *_inits(kind),
     ],

@@ -1,16 +1,20 @@
 """Check `law`: differences from the second implementation are found. tests/evidence/verify has sound builds of every kind."""
 
 import dataclasses
+import re
 
 import pytest
 
 from codegen.verify.budgets import bounded_loops
+from codegen.sil.software import compile_build
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.law import check as law
+from codegen.verify.law import states
+from codegen.verify.law.transitions import transition_findings
 from codegen.verify.packages import MissingTool
 from tests.verify import builds, planted
 
-PI = builds.made("pi", "uneven")
+PI, TRACKING = builds.made("pi", "uneven"), builds.made("tracking", "uneven")
 
 
 @pytest.fixture
@@ -44,6 +48,30 @@ def test_a_wrong_command_default_and_frame_are_found(monkeypatch: pytest.MonkeyP
     found = checked(Subject("planted", builds.with_text(PI, "src/ars_task.c", old, new), PI.manifest))
     assert found.verdict is Verdict.FAILED
     assert all(": 0x" in line and "; by the law 0x" in line for line in found.findings)
+
+
+def test_every_unsound_number_and_a_wrong_mark_are_found() -> None:
+    """A build whose step judges neither is wrong in each number that `is_sound` adds up."""
+    path = "src/ars_controller.c"
+    old = "(self->initialised == (uint32_t)ARS_CONTROLLER_INITIALISED) && (squares <= squares_max)"
+    files = builds.with_text(TRACKING, path, old, "(self->initialised != 0u) && ((squares <= squares_max) || true)")
+    summed = re.findall(r"squares \+= self->([\w.]+) ", files[path].decode())
+    software = compile_build(files, TRACKING.manifest)
+    drive = law._Comparison(planted.subject_of(TRACKING), law.SIZE_QUICK, with_recordings=False)._drive_cycle(0)
+    found = {line.partition("goes on with ")[2].partition(" = ")[0] for line in states.soundness_findings(software, drive)}
+    assert found == {*summed, "initialised"}
+
+
+def test_a_wrong_transition_and_memory_without_a_mark_are_found() -> None:
+    exception = "(self->state == ARS_SUPERVISION_START)"
+    lost = f"({exception} || (self->state == ARS_SUPERVISION_LOST))"
+    files = builds.with_text(TRACKING, "src/ars_supervision.c", exception, lost)
+    mark = "self->controller.initialised != (uint32_t)ARS_CONTROLLER_INITIALISED"
+    task = builds.with_text(TRACKING, "src/ars_task.c", mark, "self->controller.initialised == 0u")
+    software = compile_build({**files, "src/ars_task.c": task["src/ars_task.c"]}, TRACKING.manifest)
+    (transition,) = transition_findings(software)
+    assert transition == "src/ars_supervision.c: from LOST, ANGLE_UNKNOWN leads to START instead of RESYNCHRONISE"
+    assert [*states.uninitialised_findings(software)] == ["src/ars_task.c: the task does not start anew with initialised = 0x1"]
 
 
 def test_reasons_not_to_run(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -106,7 +106,8 @@ class ControlUnits(Conditions):
             Claim("it starts from the given angle", f"self->rear_angle == {self.held_by_actuator('rear_angle')}"),
         )
         yield Unit(own("controller_init"), unit, arguments, ensures=started, callees=init)
-        yield Unit(own("controller_place"), unit, placed, ensures=started, callees=(own("limiter_init"),))
+        runs = Claim("it neither starts nor ends control", "self->enabled == self_before->enabled")
+        yield Unit(own("controller_place"), unit, placed, ensures=(*started, runs), callees=(own("limiter_init"),))
         arguments = (
             self.argument("self", "controller_t", "state"),
             self.argument("parameters", "parameters_t", "parameter"),

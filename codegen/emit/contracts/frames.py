@@ -13,6 +13,10 @@ from codegen.emit.contracts.conditions import Conditions
 from codegen.emit.contracts.contract import Argument, Claim, Unit
 from codegen.emit.supervision import STATES, Cause, Reaction, State, next_state
 
+_ANGLE, _BEFORE = "self->controller.rear_angle", "self_before->controller.rear_angle"
+_WHEELS = "(self->conditions.rear_angle - self->angle_offset)"
+_MEASURED, _LIMITER = "self->conditions.rear_angle", "self->parameters->limiter."
+
 
 class FrameUnits(Conditions):
     """Contracts of E2E protection, CAN and task."""
@@ -235,7 +239,8 @@ class FrameUnits(Conditions):
         closes = "self->conditions_close == (self_before->motion_input.frames > 0u)"
         complete = Claim("the set is complete after the conditions of a cycle with the motion", f"{last} || ({closes})")
         arguments = (state, Argument("id", "uint32_t"), data, length)
-        yield Unit(own("task_on_can_frame"), unit, arguments, ensures=(complete,), **more)
+        received = (complete, *self._counted_frames())
+        yield Unit(own("task_on_can_frame"), unit, arguments, ensures=received, **more)
         identifier = f"result == (uint32_t){self.upper}_CAN_ID_REAR_STEER_COMMAND"
         crc = f"{own('e2e_crc')}((uint16_t){self.upper}_CAN_DATA_ID_REAR_STEER_COMMAND, data) == {self.can.e2e.received_crc}"
         before = "(uint32_t)self_before->counter"
@@ -244,36 +249,128 @@ class FrameUnits(Conditions):
             Claim("it is the frame of the command", identifier),
             Claim("the frame has the counter, and the counter advances", counted),
             Claim("the frame has the right CRC", crc),
-            *self._moved_command(),
+            *self._next_cycle(),
+            *self._held(),
         )
         more["unwind"] = 26  # the bits of a signal are read one by one
-        yield Unit(own(self.task.function), unit, (state, self.frame("bytes out")), "uint32_t", ensures=sent, **more)
+        cycle = Unit(own(self.task.function), unit, (state, self.frame("bytes out")), "uint32_t", ensures=sent, **more)
+        yield cycle
+        parts = {
+            "_started": self._started_command(),
+            "_moved": self._moved_command(),
+            "_reached": self._reached_command(),
+            "_held": self._near_wheels(),
+        }
+        for part, claims in parts.items():
+            local = (replace(each, condition=each.condition.replace("self->parameters->", "parameters->")) for each in claims)
+            yield replace(cycle, part=part, more=tuple(local), only_claims=True)
 
-    def _moved_command(self) -> Iterator[Claim]:
-        """Yield how far the command moves in each state, from the measured rear angle after a silence."""
-        state, angle, before = f"{self.upper}_SUPERVISION", "self->controller.rear_angle", "self_before->controller.rear_angle"
+    def _counted_frames(self) -> Iterator[Claim]:
+        """Yield that each frame of a message counts, whatever its length and content, and no other frame."""
+        for name in ("motion", "conditions"):
+            before = f"(uint32_t)self_before->{name}_input.frames"
+            counted = f"(({before} < UINT8_MAX) ? ({before} + 1u) : UINT8_MAX)"
+            is_own = f"(id == (uint32_t){self.upper}_CAN_ID_VEHICLE_{name.upper()})"
+            claim = f"(uint32_t)self->{name}_input.frames == ({is_own} ? {counted} : {before})"
+            yield Claim(f"a frame of the {name} counts, whatever its length and content", claim)
 
-        def is_in(place: str, states: Iterable[State]) -> str:
-            return f"({' || '.join(f'({place}->supervision.state == {state}_{each.name})' for each in states)})"
+    def _next_cycle(self) -> Iterator[Claim]:
+        """Yield that a call begins a new cycle."""
+        none = "(self->motion_input.frames == 0u) && (self->conditions_input.frames == 0u)"
+        yield Claim("the next cycle begins without frames", none)
+        yield Claim("the next cycle begins with an incomplete set", "!self->conditions_close")
 
+    def _held(self) -> Iterator[Claim]:
+        """Yield that Inhibit acts over lost frames while the conditions are valid, and is unknown while they are not."""
+        valid = f"(self->conditions_input.supervision.state == {self.upper}_E2E_STATE_VALID)"
+        cause = f"(uint32_t)self->supervision.cause <= (uint32_t){self.upper}_CAUSE"
+        inhibited = f"!{valid} || !self->conditions.inhibit || ({cause}_{Cause.INHIBIT.name})"
+        yield Claim("Inhibit acts until the car ends it, over single lost frames too", inhibited)
+        unknown = f"{valid} || ({cause}_{Cause.CONDITIONS_UNKNOWN.name})"
+        yield Claim("without valid conditions it is unknown whether the car sets Inhibit", unknown)
+
+    def _is_in(self, place: str, states: Iterable[State]) -> str:
+        """Return the condition that the supervision is in one of some states."""
+        each = (f"({place}->supervision.state == {self.upper}_SUPERVISION_{state.name})" for state in states)
+        return f"({' || '.join(each)})"
+
+    @property
+    def _restarts(self) -> str:
+        """Condition that the rear angle is unknown: at the start and after a silence."""
         silent = [each for each, row in STATES.items() if not row.has_command]
-        rests = [each for each, row in STATES.items() if row.reaction in (Reaction.RAMP, Reaction.REST)]
         is_long = "(self_before->silent_calls > self->parameters->inputs.missing_samples_max)"
-        heard = "((self_before->motion_input.frames > 0u) || (self_before->conditions_input.frames > 0u))"
-        restarts = f"({is_in('self_before', silent)} || ({is_long} && {heard} && self_before->has_measured))"
-        waits = "(!self->supervision.has_command)"
-        for claim in self.moved(angle, before, "self->parameters->limiter."):
-            yield Claim(f"from sample to sample, {claim.text}", f"{restarts} || {claim.condition}")
-        for claim in self.moved(angle, "self->expected_angle", "self->parameters->limiter."):
-            yield Claim(f"from the start angle, {claim.text}", f"!{restarts} || {waits} || {claim.condition}")
+        inputs = [f"self_before->{name}_input." for name in ("motion", "conditions")]
+        heard = f"({' || '.join(f'({each}advance > 0u) || {each}out_of_sequence' for each in inputs)})"
+        return f"({self._is_in('self_before', silent)} || ({is_long} && {heard} && self_before->has_measured))"
+
+    def _rated(self, place: str, start: str) -> Iterator[tuple[str, str]]:
+        """Yield the rate limit from a start angle, upwards and downwards, in words and as a condition.
+
+        Alternatives that say no more spare the solver the order of sums: no step, and a smaller one.
+        """
+        for (order, sign), claim in zip((("<=", "+"), (">=", "-")), self.moved(_ANGLE, start, _LIMITER), strict=True):
+            smaller = f"({_ANGLE} {order} ({start} {sign} {self._returning()}))"
+            yield f"{place} {claim.text}", f"({claim.condition}) || ({_ANGLE} {order} {start}) || {smaller}"
+
+    def _started_command(self) -> Iterator[Claim]:
+        """Yield from where the command starts while the rear angle is not known, and that it is not sent before."""
+        waits = f"!{self._restarts} || !self->supervision.has_command"
+        for words, condition in self._rated("from the start angle,", "self->expected_angle"):
+            yield Claim(words, f"{waits} || {condition}")
         placed = f"(self->expected_angle == {self.held_by_actuator('self->measured_angle')})"
-        words = "the start angle is the measured one, or the last measured one"
-        yield Claim(words, f"!{restarts} || {waits} || !self->has_measured || {placed}")
-        words = "without control the magnitude of the command does not grow"
-        yield Claim(words, f"{restarts} || !{is_in('self', rests)} || {self.shrinks(angle, before)}")
+        yield Claim(
+            "the start angle is the measured one, or the last measured one", f"{waits} || !self->has_measured || {placed}"
+        )
         frame = next(each for each in self.can.messages if each.role == "rear_steer_command")
         signal = next(each for each in frame.reals if each.definition.role == "rear_angle")
         assert isinstance(signal.layout, RealSignal)
         bits = f"{signal.layout.start_bit}u, {signal.layout.length}u, {str(signal.byte_order == 'motorola').lower()}"
         absent = f"(code_in(data, {bits}) == ((uint32_t){signal.layout.raw_not_available} & 0x{signal.mask:X}u))"
-        yield Claim("without a known rear angle the frame has no command", f"!{waits} || {absent}")
+        yield Claim("without a known rear angle the frame has no command", f"self->supervision.has_command || {absent}")
+
+    @property
+    def _known(self) -> str:
+        """Condition that the rear angle is measured in this sample."""
+        plausible = f"(magnitude_of({_MEASURED}) <= self->parameters->inputs.rear_angle_max)"
+        return f"(self->conditions_input.usable && self->has_measured && {plausible})"
+
+    def _moved_command(self) -> Iterator[Claim]:
+        """Yield how far the command moves in a sample with control, and that without control it moves toward zero."""
+        restarts, valid = self._restarts, f"{self.upper}_E2E_STATE_VALID"
+        returns = f"(self->conditions_input.usable && (self_before->conditions_input.supervision.state != {valid}))"
+        released = f"({self._known} && (!self->controller.enabled || self_before->released))"
+        for words, rated in self._rated("under control, from sample to sample,", _BEFORE):
+            yield Claim(words, f"{restarts} || {returns} || {released} || {rated}")
+        rests = [each for each, row in STATES.items() if row.reaction in (Reaction.RAMP, Reaction.REST)]
+        words = "without control the magnitude of the command does not grow beyond that of the start angle"
+        shrinks = f"{self.shrinks(_ANGLE, _BEFORE)} || {self.shrinks(_ANGLE, 'self->start_angle')}"
+        yield Claim(words, f"{restarts} || !{self._is_in('self', rests)} || {shrinks}")
+
+    def _reached_command(self) -> Iterator[Claim]:
+        """Yield that in every sample the command moves within the rate limit, or to the wheels at most."""
+        held = self.held_by_actuator(_MEASURED)
+        ways = zip(("<=", ">="), self._rated("in every sample, to the wheels at most or", _BEFORE), strict=True)
+        for (order, (words, rated)), from_wheels in zip(ways, self.moved(_ANGLE, held, _LIMITER), strict=True):
+            reached = f"({self._known} && (({_ANGLE} {order} {held}) || ({_ANGLE} {order} {_WHEELS}) || {from_wheels.condition}))"
+            yield Claim(words, f"{self._restarts} || {rated} || {reached}")
+
+    def _near_wheels(self) -> Iterator[Claim]:
+        """Yield that the command stays near wheels which it does not move; the code's own expressions make it exact."""
+        unknown, parameters, zero = f"{self._restarts} || !{self._known}", "self->parameters->", self.number(0.0)
+        stuck = f"(self->actuator_samples > {parameters}actuator_samples_max)"
+        ahead = f"((({_WHEELS} > {zero}) == ({_BEFORE} > {zero})) && (magnitude_of({_WHEELS}) > magnitude_of({_ANGLE})))"
+        is_due = f"(self->waited_samples > self_before->waited_samples)"
+        waits = f"!(!self->controller.enabled && self->deviates && {is_due} && {ahead})"
+        held = f"(magnitude_of({_ANGLE}) >= magnitude_of({_BEFORE})) || ({self.shrinks('self->start_angle', _ANGLE)})"
+        yield Claim("a return to zero waits for wheels that do not follow", f"{unknown} || {waits} || {held}")
+        margin = f"({parameters}actuator_error_max + {parameters}actuator_error_max)"
+        for words, order, sign, back in (("left", ">", "+", "-"), ("right", "<", "-", "+")):
+            outer = f"((({_MEASURED} {order} {zero}) ? {_MEASURED} : {zero}) {sign} {margin})"
+            near = f"!({_ANGLE} {order} {outer}) || !({_ANGLE} {order} ({_BEFORE} {back} {self._returning()}))"
+            claim = f"{unknown} || !(self->controller.enabled && {stuck}) || {near}"
+            yield Claim(f"a stuck actuator gets no command farther out to the {words}, or one that returns", claim)
+
+    def _returning(self) -> str:
+        """Return the largest change in a sample at which the command for a stuck actuator returns."""
+        own, most = (self.step(f"self->parameters->{each}") for each in ("fail_safe_rate", "limiter.rear_rate_max"))
+        return f"(({own} < {most}) ? {own} : {most})"

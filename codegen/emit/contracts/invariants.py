@@ -57,7 +57,8 @@ class Invariants(Conditions):
         yield Invariant(own("e2e_supervision_t"), (self.is_code("value->state", 3),))
         states = (f"{own(f'e2e_{name}_holds')}(&value->{name})" for name in ("receiver", "supervision"))
         counts = (f"(value->causes <= {(1 << self.can.reception_bits) - 1}u)", "(value->advance <= 7u)")
-        yield Invariant(own("task_input_t"), (*states, *counts, "is_flag(value->disturbed)", "is_flag(value->usable)"))
+        flags = (f"is_flag(value->{name})" for name in ("out_of_sequence", "disturbed", "usable"))
+        yield Invariant(own("task_input_t"), (*states, *counts, *flags))
         codes = {"state": len(State), "cause": len(Cause), "status": len(STATUSES)}
         supervised = [self.is_code(f"value->{name}", count - 1) for name, count in codes.items()]
         silent = [each for each, row in STATES.items() if not row.has_command]
@@ -180,6 +181,9 @@ class Invariants(Conditions):
             yield f"(value->{name}_samples <= {TASK_SAMPLES_MAX + 1}u)"
         yield self.within("value->expected_angle", self.high("rear_angle_max"))
         yield self.within("value->measured_angle", self.high("rear_angle_max"))
+        yield self.within("value->start_angle", self.controller.actuator_angle_max)
+        yield self.within("value->angle_offset", f"(2 * {self.high('rear_angle_max')})")
+        yield f"(value->waited_samples <= {self.task.wheels_wait_max}u)"
         yield f"{self.own('supervision_holds')}(&value->supervision)"
-        flags = ("conditions.inhibit", "conditions_close", "has_measured")
+        flags = ("conditions.inhibit", "conditions_close", "has_measured", "deviates", "released")
         yield from (f"is_flag(value->{name})" for name in flags)

@@ -34,6 +34,7 @@ from codegen.verify.law.kinds import SECOND, second_controller
 from codegen.verify.law.long_drives import LongDrives
 from codegen.verify.law.pairs import ControllerPair, Pair, Stretch, TaskPair, compare, text_of
 from codegen.verify.law.task import SecondTask
+from codegen.verify.law.transitions import transition_findings
 from codegen.verify.map_reference import lookup_of
 from codegen.verify.on_host import MightNotReturn, compiled, require_compiler
 from hil_sim.codec import Codec
@@ -124,6 +125,7 @@ class _Comparison:
         where = f"src/{self._subject.prefix}_calibration.c"
         findings = [f"{where}: {line}" for line in sets.differences(self._software)]
         findings += [*states.initialisation_findings(self._software)]
+        findings += [*states.uninitialised_findings(self._software), *transition_findings(self._software)]
         findings += [*states.soundness_findings(self._software, self._drive_cycle(0))]
         runs = samples = cycles = long_drives = 0
         for name, pair, measurements in self._runs():
@@ -232,6 +234,8 @@ class _Comparison:
             yield f"frames of scenario {name}", defaults, scenario, [0]
         disturbed = traffic.disturbed(config, scenario, cycles)
         yield "disturbed frames", defaults, disturbed, traffic.restarts_of(cycles)
+        if found := traffic.directed(config, scenario):
+            yield "frames with gaps and Inhibit", defaults, found, [0]
         for number, parameters in enumerate((defaults, *self._sets[:2])):
             samples = self._drive_cycle(number)
             frames = cycles_of(config, self._software.precision, samples, seed=number)

@@ -337,27 +337,35 @@ def _judged(status: int) -> tuple[bool, bool]:
 
 
 class TaskPair(Pair):
-    """The cyclic task: frames in, (identifier, data) out."""
+    """The cyclic task: frames in; identifier, data, and whether the set is complete after each frame and the call, out."""
 
     def __init__(self, software: Software, second: SecondTask, codec: Codec, parameters: Any) -> None:
         self._task, self._second, self._codec = software.task(parameters), second, codec
 
-    def second(self, sample: Cycle) -> tuple[int, bytes]:
-        return self._second.run(sample)  # type: ignore[no-any-return]
+    def second(self, sample: Cycle) -> tuple[int, bytes, tuple[bool, ...]]:
+        second, complete = self._second, []
+        for frame in sample:
+            second.receive(frame)
+            complete.append(second.is_complete)
+        identifier, data = second.run(())
+        return identifier, data, (*complete, second.is_complete)
 
-    def compiled(self, sample: Cycle) -> tuple[int, bytes]:
-        task = self._task
+    def compiled(self, sample: Cycle) -> tuple[int, bytes, tuple[bool, ...]]:
+        task, complete = self._task, []
         for frame in sample:
             task.on_can_frame(frame.id, frame.data)
-        return task.run()
+            complete.append(task.is_complete)
+        identifier, data = task.run()
+        return identifier, data, (*complete, task.is_complete)
 
-    def text(self, output: tuple[int, bytes]) -> str:
-        identifier, data = output
+    def text(self, output: tuple[int, bytes, tuple[bool, ...]]) -> str:
+        identifier, data, complete = output
         try:
             contents = f" ({self._codec.decode(identifier, data)})"
         except LookupError:  # no identifier of the bus
             contents = ""
-        return f"0x{identifier:X} {data.hex()}{contents}"
+        *frames, after = ("yes" if each else "no" for each in complete)
+        return f"0x{identifier:X} {data.hex()}{contents}, complete after its frames {' '.join(frames) or '-'}, then {after}"
 
 
 def text_of(sample: Any) -> str:

@@ -16,6 +16,8 @@ from codegen.verify.law.inputs import Quality
 from hil_sim.codec import DIAGNOSTICS, Codec, Frame, RearSteerCommand, VehicleConditions, VehicleMotion
 from hil_sim.e2e import E2eState, E2eStatus, Receiver, Supervision, next_counter, protect
 
+ANGLE_WAIT_S, WHEELS_WAIT_S = 0.1, 5.0
+"""Times for which the command waits for the rear angle, and for wheels that do not follow, from the header of the task."""
 _BITS = {name: 1 << bit for bit, (name, _) in DIAGNOSTICS.items()}
 _ADVANCE = {E2eStatus.OK: 1, E2eStatus.INITIAL: 1, E2eStatus.OK_SOME_LOST: 2}
 """Steps of the sender's counter by a good frame, as counted by the task; other statuses are not good."""
@@ -37,6 +39,7 @@ class _Input:
     supervision: Supervision
     frames: int = 0
     advance: int = 0
+    is_heard: bool = False
     causes: set[str] = field(default_factory=set)
     is_disturbed: bool = False
     is_usable: bool = False
@@ -53,11 +56,17 @@ class _Input:
         if status not in _ADVANCE:
             self.causes.add("WRONG_CRC" if status is E2eStatus.WRONG_CRC else "WRONG_COUNTER")
         self.is_disturbed |= status is E2eStatus.OK_SOME_LOST
+        self.is_heard |= status not in (E2eStatus.WRONG_CRC, E2eStatus.REPEATED)
         return status in _ADVANCE
 
     def has_returned(self) -> bool:
         """Return whether a good frame came after a fault, or with one in the same cycle."""
         return self.advance > 0 and (self.is_disturbed or bool(self.causes))
+
+    @property
+    def is_valid(self) -> bool:
+        """Whether the message is valid over its last cycles."""
+        return self.supervision.state is E2eState.VALID
 
     def close(self) -> int:
         """End the cycle and return its diagnostics."""
@@ -71,7 +80,7 @@ class _Input:
         if is_good and not is_valid:
             self.causes.add("WRONG_COUNTER")
         causes = sum(_BITS[f"{self.name}_{cause}"] for cause in self.causes)
-        self.frames, self.advance, self.causes = 0, 0, set()
+        self.frames, self.advance, self.is_heard, self.causes = 0, 0, False, set()
         return causes
 
 
@@ -83,12 +92,14 @@ class SecondTask:
         parameters: anything with the fields of the C parameter struct.
         codec: of the build's numbers.
         make: a controller of the build's kind that starts from a rear angle in rad.
+        is_complete: whether both messages were received since the last cycle, the conditions after the motion.
     """
 
     can: Can
     parameters: Any
     codec: Codec
     make: Callable[[float], SecondController]
+    is_complete: bool = field(default=False, init=False)
     _state: State = State.START
     _samples_without_angle: int = 0
     _silence: int = 0
@@ -100,6 +111,11 @@ class SecondTask:
     _samples_off: int = 0
     _inhibited: int = 0
     _expected: Any = 0.0
+    _deviates: bool = False
+    _released: bool = False
+    _start_angle: Any = 0.0
+    _offset: Any = 0.0
+    _waited: int = 0
     _inputs: dict[int, _Input] = field(init=False)
     _controller: SecondController = field(init=False)
 
@@ -116,21 +132,33 @@ class SecondTask:
     def run(self, frames: tuple[Frame, ...]) -> tuple[int, bytes]:
         """Run one cycle on the frames since the last one. Return id and data of the frame to send."""
         for frame in frames:
-            self._receive(frame)
+            self.receive(frame)
+        self.is_complete = False
         motion, conditions = self._inputs.values()
-        lacks_angle = self._lacks_angle(motion.frames + conditions.frames > 0)
+        lacks_angle, was_valid = self._lacks_angle(motion.is_heard or conditions.is_heard), conditions.is_valid
         diagnostics = self._rhythm(motion.advance) | self._of_bus(motion.has_returned() or conditions.has_returned())
         diagnostics |= motion.close() | conditions.close()
         is_good = motion.is_usable and conditions.is_usable
+        received = conditions.contents.rear_angle if conditions.is_usable else None
+        measured = received if is_good or self._measured is not None else None
         if not lacks_angle:
-            diagnostics |= self._of_actuator(conditions.contents.rear_angle if is_good else None)
+            diagnostics |= self._of_actuator(received, starts=measured is not None, returns=not was_valid)
         found = self._causes(diagnostics, conditions)
         sample = self._sample(motion, conditions, any(CAUSES[each].holds_integrator for each in found))
-        if lacks_angle and not self._start(sample.rear_angle if is_good else None):
+        if lacks_angle and not self._start(measured):
             found.add(Cause.ANGLE_UNKNOWN)
-        if is_good and self._is_plausible(sample.rear_angle):
-            self._measured = sample.rear_angle
-        command = self._rest() if self._is_inhibited_for_good(conditions) else self._controller.step(sample)
+        last, ran = self._controller.angle, self._controller.runs
+        command = Command(0.0, 0.0, Status.STANDBY)
+        if self._is_inhibited_for_good(conditions):
+            command = self._rest()
+        elif Cause.ANGLE_UNKNOWN not in found or self._measured is not None:
+            command = self._controller.step(sample)
+        if measured is not None and self._is_plausible(measured):
+            command = self._near_wheels(command, last, measured)
+            self._measured = measured
+        self._released = ran and not self._controller.runs
+        if ran != self._controller.runs:
+            self._start_angle, self._offset, self._waited = self._controller.angle, self._controller.real(0.0), 0
         found |= self._causes_of_controller(command.status)
         self._state = next_state(self._state, min(found))
         diagnostics |= self._of_controller(is_good)
@@ -142,7 +170,11 @@ class SecondTask:
         self._counter = next_counter(self._counter, self.can.e2e.definition)
         return message.id, data
 
-    def _receive(self, frame: Frame) -> None:
+    def receive(self, frame: Frame) -> None:
+        """Receive a frame. The set is complete with conditions that come after the motion."""
+        motion, conditions = self._inputs
+        if frame.id == conditions:
+            self.is_complete = self._inputs[motion].frames > 0
         if frame.id in self._inputs and self._inputs[frame.id].receive(frame.data):
             self._inputs[frame.id].contents = self.codec.decode(frame.id, frame.data)
 
@@ -159,17 +191,64 @@ class SecondTask:
         self._disturbance = min(max(changed, 0), DISTURBANCE_MAX + DISTURBANCE_WEIGHT)
         return _BITS["INTERMITTENT"] if self._disturbance > DISTURBANCE_MAX else 0
 
-    def _of_actuator(self, measured: float | None) -> int:
-        """Compare the measured angle (None: lost sample) with a first-order lag behind the previous commands."""
+    def _of_actuator(self, measured: float | None, starts: bool, returns: bool) -> int:
+        """Compare the measured angle (None: not received) with a first-order lag behind the previous commands.
+
+        starts: the car measures the angle, so that the command may start from it. returns: the conditions were not valid
+        before; with them, commands may have been lost.
+        """
         real, most = self._controller.real, self.parameters.actuator_samples_max
         command, expected = real(self._controller.angle), real(self._expected)
         moved = expected + real(self.parameters.actuator_share) * (command - expected)
         self._expected = moved if abs(moved) <= real(self.parameters.inputs.rear_angle_max) else command
+        self._deviates = False
         if measured is not None:
             distance = abs(command - self._expected)
-            is_off = abs(real(measured) - self._expected) > real(self.parameters.actuator_error_max) + (distance + distance)
-            self._samples_off = min(self._samples_off, most) + 1 if is_off else max(self._samples_off - 1, 0)
+            error = (real(measured) - self._offset) - self._expected
+            self._deviates = bool(abs(error) > real(self.parameters.actuator_error_max) + (distance + distance))
+            starts &= self._is_plausible(measured)
+            if starts and self._released and self._deviates:
+                self._offset, self._deviates = error, False
+            elif starts and (self._released or (self._deviates and returns)) and self._samples_off <= most:
+                self._place(measured)
+            elif not self._deviates:
+                self._samples_off = max(self._samples_off - 1, 0)
+            elif self._controller.runs:
+                self._samples_off = min(self._samples_off, most) + 1
         return _BITS["ACTUATOR_STUCK"] if self._samples_off > most else 0
+
+    def _near_wheels(self, command: Command, last: Any, measured: float) -> Command:
+        """Return the command near wheels that it does not reach, never farther out than the law's or the last one."""
+        parameters, real = self.parameters, self._controller.real
+        is_stuck, angle = self._samples_off > parameters.actuator_samples_max, self._controller.angle
+        kept = real(measured) - self._offset
+        margin, zero, wheels = real(2.0) * real(parameters.actuator_error_max), real(0.0), real(measured)
+        if self._controller.runs and is_stuck:
+            rates = (real(parameters.fail_safe_rate), real(parameters.limiter.rear_rate_max))
+            travel = min(rates) * self._controller.period
+            high = max(max(wheels, zero) + margin, last - travel)
+            low = min(min(wheels, zero) - margin, last + travel)
+            angle = min(max(angle, low), high)
+        elif not self._controller.runs and self._deviates and self._waits(kept, last):
+            moved, bound = abs(real(self._measured or 0.0) - self._offset) - abs(kept), abs(self._start_angle)
+            has_moved = moved > real(parameters.actuator_share) * real(parameters.actuator_error_max)
+            angle = min(max(kept, -bound), bound) if has_moved and bound > abs(last) else last
+            self._waited += 1
+        if angle == self._controller.angle:
+            return command
+        self._controller.place(float(angle))
+        return replace(command, rear_angle=float(self._controller.angle))
+
+    def _waits(self, wheels: Any, last: Any) -> bool:
+        """Return whether a return to zero waits for wheels on the side of the last command, farther out than the present one."""
+        is_ahead = (wheels > 0.0) == (last > 0.0) and abs(wheels) > abs(self._controller.angle)
+        return bool(is_ahead and self._waited < max(int(WHEELS_WAIT_S / float(self._controller.period) + 1e-6), 1))
+
+    def _place(self, angle: float) -> None:
+        """Start from the angle in rad that the actuator holds."""
+        self._controller.place(angle)
+        self._expected, self._start_angle, self._deviates = self._controller.angle, self._controller.angle, False
+        self._offset = self._controller.real(0.0)
 
     def _causes(self, diagnostics: int, conditions: _Input) -> set[Cause]:
         """Return the causes that are known before the step of the controller."""
@@ -178,7 +257,7 @@ class SecondTask:
             Cause.ACTUATOR_STUCK: diagnostics & _BITS["ACTUATOR_STUCK"],
             Cause.TASK_LATE: diagnostics & _BITS["TASK_LATE"],
             Cause.BUS_INTERMITTENT: diagnostics & _BITS["INTERMITTENT"],
-            Cause.CONDITIONS_UNKNOWN: conditions.supervision.state is not E2eState.VALID,
+            Cause.CONDITIONS_UNKNOWN: not conditions.is_valid,
             Cause.INHIBIT: conditions.contents is not None and conditions.contents.inhibit,
         }
         return {cause for cause, is_there in there.items() if is_there}
@@ -220,7 +299,7 @@ class SecondTask:
         return is_over or not STATES[self._state].has_command
 
     def _start(self, rear_angle: float | None) -> bool:
-        """Start control from the measured rear angle (None: no good sample), not from an impossible one.
+        """Start control from the measured rear angle (None: not received), not from an impossible one.
 
         Returns whether it has started.
 
@@ -231,17 +310,13 @@ class SecondTask:
             started = True
         elif was_measured or (rear_angle is not None and math.isnan(rear_angle)):
             self._samples_without_angle += 1
-            started = self._samples_without_angle > self.parameters.inputs.recovery_samples
+            started = self._samples_without_angle > max(int(ANGLE_WAIT_S / float(self._controller.period) + 1e-6), 1)
             rear_angle = self._measured if was_measured else rear_angle
         elif rear_angle is not None:
             self._samples_without_angle = 0
         if started:
             assert rear_angle is not None
-            if was_measured:
-                self._controller.place(rear_angle)
-            else:
-                self._controller = self.make(rear_angle)
-            self._expected = self._controller.angle
+            self._place(rear_angle)
         return started
 
     def _of_controller(self, is_good: bool) -> int:

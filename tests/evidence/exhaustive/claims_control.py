@@ -183,9 +183,12 @@ def claims(source: Source) -> Iterator[Claim]:
     limits = [number(inputs.speed_max_km_h * KM_H)]
     limits += [number(math.radians(degrees)) for degrees in (inputs.front_angle_max_deg, inputs.yaw_rate_max_deg_s)]
     clamps = [(f"-{angle}", angle), ("0.0f", "1.0f")]
-    bounding, tracking = ["controller", "inputs", "law", "limiter"], ["grip"] if source.subject.kind == "tracking" else []
+    bounding, tracking = (
+        ["controller", "inputs", "law", "limiter", "task"],
+        ["grip"] if source.subject.kind == "tracking" else [],
+    )
     bounding += ["reference_model"] if tracking else []
-    for unit in (*bounding, "map", "task", *tracking):
+    for unit in (*bounding, "map", *tracking):
         yield Claim(unit, "magnitude", "returns the magnitude; NaN stays NaN", MAGNITUDE)
     for unit in bounding:
         text = "limits the magnitude; NaN becomes the upper limit"

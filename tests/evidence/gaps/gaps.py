@@ -1,9 +1,10 @@
 """Part "gaps": the fault catalogue and gaps of 0.02 to 5 s in a turn near the edge of the map, from reverse to high speed.
 
-The car's frames, the commands, or both are lost, or one side restarts, while the car turns in and in the steady turn. The
-sideslip after the gap is compared with that of the intended ramp: the same car on the same course, whose rear wheels go on from
-the angle that they hold when the gap ends, at the rate of the fail-safe, and at that of the controller once it follows its
-reference again.
+Any messages are lost, alone and in pairs, the frames of one are damaged while the commands are lost, or one side restarts:
+while the car turns in, in the steady turn, and while the driver steers back to straight ahead, so that the rear wheels hold an
+angle that the law no longer commands. The sideslip after the gap is compared with that of the intended ramp: the same car on
+the same course, whose rear wheels go on from the angle that they hold when the gap ends, at the rate of the fail-safe, and at
+that of the controller once it follows its reference again.
 """
 
 import math
@@ -15,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from codegen.arrays import FloatArray
+from codegen.configuration import Config
 from codegen.judgement.drives import angles_at
 from codegen.map_file.map import ReferenceMap, load
 from codegen.metrics.runs import SPIN_SIDESLIP
@@ -39,13 +41,21 @@ LENGTHS_S = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 QUICK_SPEEDS_KM_H, QUICK_LENGTHS_S = (30.0, 110.0), (0.02, 0.2, 2.0)
 STEER_TIME, STARTS_S, AFTER_S = 0.2, (0.3, 2.5), 3.0
 """Beginning of the turn, beginnings of the gap, and time after its end, in s."""
-LOSSES: Mapping[str, FaultKind] = {
-    "the car's frames are lost": "drop",
-    "the commands are lost": "drop",
-    "both are lost": "bus-down",
-    "the ECU has no power": "ecu-restart",
-    "the car's node has no power": "plant-restart",
+STEERS_BACK_AT = 0.5
+"""Share of the gap after which the driver steers back."""
+MOTION, CONDITIONS, COMMANDS = "vehicle_motion", "vehicle_conditions", "rear_steer_command"
+LOSSES: Mapping[str, tuple[tuple[FaultKind, str], ...]] = {
+    "the car's frames are lost": (("drop", ""),),
+    "the commands are lost": (("drop", COMMANDS),),
+    "motion and commands are lost": (("drop", MOTION), ("drop", COMMANDS)),
+    "conditions and commands are lost": (("drop", CONDITIONS), ("drop", COMMANDS)),
+    "the motion is damaged and the commands are lost": (("corrupt", MOTION), ("drop", COMMANDS)),
+    "the conditions are damaged and the commands are lost": (("corrupt", CONDITIONS), ("drop", COMMANDS)),
+    "all are lost": (("bus-down", ""),),
+    "the ECU has no power": (("ecu-restart", ""),),
+    "the car's node has no power": (("plant-restart", ""),),
 }
+"""Faults of each loss, with the role of the message; "" for all of the car's, or none."""
 EDGE = 0.95
 """Share of the largest yaw rate of the map at the speed."""
 SPIN_DEG = math.degrees(SPIN_SIDESLIP)
@@ -55,15 +65,17 @@ FACTOR, ROUNDING_DEG = 1.1, 0.05
 
 @dataclass(frozen=True)
 class Gap:
-    """One gap: speed, what is lost (a key of LOSSES), beginning and length in s."""
+    """One gap: speed, what is lost (a key of LOSSES), beginning and length in s, and whether the driver steers back in it."""
 
     speed_km_h: float
     loss: str
     start: float
     length: float
+    steers_back: bool = False
 
     def __str__(self) -> str:
-        return f"{self.speed_km_h:g} km/h, {self.loss} for {self.length:g} s from {self.start:g} s on"
+        course = ", steered back" if self.steers_back else ""
+        return f"{self.speed_km_h:g} km/h, {self.loss} for {self.length:g} s from {self.start:g} s on{course}"
 
 
 @dataclass(frozen=True)
@@ -88,7 +100,8 @@ def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
     lengths = QUICK_LENGTHS_S if effort.quick else LENGTHS_S
     slides, violations = [], []
     for speed in speeds:
-        gaps = [Gap(speed, which, start, length) for which in LOSSES for start in STARTS_S for length in lengths]
+        courses = [(start, False) for start in STARTS_S] + [(STARTS_S[-1], True)]
+        gaps = [Gap(speed, which, at, length, back) for which in LOSSES for at, back in courses for length in lengths]
         key = f"{speed:g} km/h {effort.quick}"
         found = progress.once(key, partial(_all_sideslips, software, reference_map, gaps))
         slides += [Slide(gap, *pair) for gap, pair in zip(gaps, found, strict=True)]
@@ -124,10 +137,9 @@ def _violations(software: Software, reference_map: ReferenceMap, speed_km_h: flo
 
 def sideslips(software: Software, reference_map: ReferenceMap, gap: Gap) -> tuple[float, float]:
     """Return the largest sideslip in deg after a gap, and that with the intended ramp."""
-    config = software.config
+    messages = software.config.can.messages()
     (edge,) = angles_at(reference_map, abs(gap.speed_km_h) * KM_H, (EDGE,))
-    message = config.can.rear_steer_command.name if gap.loss == "the commands are lost" else None
-    fault = Fault(LOSSES[gap.loss], gap.start, gap.length, message)
+    faults = tuple(Fault(kind, gap.start, gap.length, messages[role].name if role else None) for kind, role in LOSSES[gap.loss])
     scenario = Scenario(
         name="gap",
         subject="Gap",
@@ -136,15 +148,29 @@ def sideslips(software: Software, reference_map: ReferenceMap, gap: Gap) -> tupl
         duration=gap.start + gap.length + AFTER_S,
         steer_time=STEER_TIME,
         kind="corner",
-        drive=manoeuvres.step(STEER_TIME, front_angle_deg=math.degrees(edge)),
+        drive=_course(gap, math.degrees(edge)),
         settings=Settings(speed_km_h=gap.speed_km_h),
-        faults=(fault,),
+        faults=faults,
     )
     driven = bench.run_through_can(software, scenario).record
     course = intended(driven, gap, software)
     ramp = replace(scenario, faults=(), rear_angle=lambda time: course[: time.size])
     found = bench.run(software, ramp)
     return sideslip_after(driven, gap), sideslip_after(found, gap)
+
+
+def _course(gap: Gap, front_angle_deg: float) -> manoeuvres.Manoeuvre:
+    """Return the step into the turn, and where the driver steers back, that to straight ahead within the gap."""
+    turn_in = manoeuvres.step(STEER_TIME, front_angle_deg=front_angle_deg)
+    if not gap.steers_back:
+        return turn_in
+
+    def drive(config: Config, settings: Settings, time: FloatArray) -> manoeuvres.Columns:
+        columns = dict(turn_in(config, settings, time))
+        held = time < gap.start + STEERS_BACK_AT * gap.length
+        return {**columns, "steering_wheel_command": np.where(held, columns["steering_wheel_command"], 0.0)}
+
+    return drive
 
 
 def intended(driven: FloatArray, gap: Gap, software: Software) -> FloatArray:
@@ -157,7 +183,7 @@ def intended(driven: FloatArray, gap: Gap, software: Software) -> FloatArray:
     end = int(np.searchsorted(time, gap.start + gap.length - 0.5 * period))
     angle = float(measured[end])
     for k in range(end, time.size):
-        follows = status[k] <= Status.LIMITED
+        follows = status[k] not in (Status.STANDBY, Status.FAIL_SAFE)  # in DEGRADED the command is the law's, no ramp
         target, rate = (command[k], parameters.rear_rate_max) if follows else (0.0, parameters.fail_safe_rate)
         angle += float(np.clip(target - angle, -rate * period, rate * period))
         course[k] = angle
