@@ -167,6 +167,26 @@ def catalogue(can: Can, sampling_time: float) -> tuple[FaultCase, ...]:
             (Fault("stuck-value", 0.5 * STEER_TIME, 250 * sampling_time, conditions, "rear_angle"),),
             Cause.ACTUATOR_STUCK,
         ),
+        case(
+            "offset-rear",
+            "the measured rear angle 2 deg too large for 250 samples",
+            Cause.ACTUATOR_STUCK,
+            "offset",
+            250,
+            message=conditions,
+            signal="rear_angle",
+            amount=math.radians(2.0),
+        ),
+        case(
+            "noise-rear",
+            "noise of 0.05 deg in the measured rear angle for 50 samples",
+            Cause.NONE,
+            "noise",
+            50,
+            message=conditions,
+            signal="rear_angle",
+            amount=math.radians(0.05),
+        ),
         case("foreign", "the bus full of foreign frames for 50 samples", Cause.NONE, "foreign-traffic", 50),
         case("ecu", "the ECU without power for 50 samples", Cause.ANGLE_UNKNOWN, "ecu-restart", 50),
         FaultCase(
@@ -219,7 +239,8 @@ def judge(case: FaultCase, result: BenchResult, config: Config) -> FaultOutcome:
         worst=reached,
         violations=(),
     )
-    is_noticed = case.cause is not Cause.ACTUATOR_STUCK or _departs(case, time, command, config)
+    stands_still = case.cause is Cause.ACTUATOR_STUCK and case.faults[0].kind == "stuck-value"
+    is_noticed = not stands_still or _departs(case, time, command, config)
     return replace(outcome, violations=tuple(_violations(outcome, config, is_noticed)))
 
 
@@ -246,7 +267,8 @@ def _step_bound_deg(case: FaultCase, result: BenchResult, config: Config) -> flo
 
     It follows from the rate limits; without any, from the feedback for the largest error of the run; for a feedforward
     without a rate limit, from its range. If commands are lost, the controller continues meanwhile, up to its distance from
-    the measured rear angle. If its samples are lost too, it predicts for a few samples; the fail-safe starts from the
+    the measured rear angle. Where the wheels do not seem to follow, the command stays near them, and goes on from the
+    controller's, at most as far away, when they do. If its samples are lost too, it predicts for a few samples; the fail-safe starts from the
     measured rear angle.
     """
     controller, code = config.controller, math.degrees(config.can.rear_steer_command.real("rear_angle").factor)
@@ -266,7 +288,9 @@ def _step_bound_deg(case: FaultCase, result: BenchResult, config: Config) -> flo
         bound *= 1 + config.can.e2e.sync_counter_init + config.can.e2e.max_delta_counter_init
     if case.clocks.are_free_running:
         bound *= 2  # a cycle without a command, and two in the next
-    if any(fault.message == config.can.rear_steer_command.name for fault in case.faults):
+    if case.cause is Cause.ACTUATOR_STUCK or any(
+        fault.message == config.can.rear_steer_command.name for fault in case.faults
+    ):
         bound += controller.rear_angle_error_max_deg
     time = _column(result, "time_s")
     apart = np.degrees(np.abs(_column(result, "rear_angle_command_rad") - _column(result, "rear_angle_rad")))

@@ -25,6 +25,8 @@ FaultKind = Literal[
     "stuck-value",
     "not-a-number",
     "infinity",
+    "offset",
+    "noise",
     "foreign-traffic",
     "ecu-restart",
     "plant-restart",
@@ -42,6 +44,7 @@ class Fault:
         message: name of the affected message; None for all of the plant's, or if not applicable.
         signal: affected field of that message ("speed", "yaw_rate", ...), for faults of values.
         cycles: number of cycles by which frames are delayed.
+        amount: of an offset, or standard deviation of a noise, in SI units of the signal.
     """
 
     kind: FaultKind
@@ -50,9 +53,12 @@ class Fault:
     message: str | None = None
     signal: str | None = None
     cycles: int = 0
+    amount: float = 0.0
 
 
-VALUE_KINDS: frozenset[str] = frozenset({"stuck-value", "not-a-number", "infinity"})
+ADDED_KINDS: frozenset[str] = frozenset({"offset", "noise"})
+"""Faults that add to a value."""
+VALUE_KINDS: frozenset[str] = frozenset({"stuck-value", "not-a-number", "infinity"}) | ADDED_KINDS
 """Faults of a value, before packing."""
 FRAME_KINDS: frozenset[str] = frozenset({"drop", "delay", "duplicate", "reorder", "burst", "corrupt", "freeze-counter"})
 """Faults of frames: of one message, or of all that the car sends."""
@@ -71,7 +77,7 @@ class Injector:
         faults: faults of the scenario.
         can: names and identifiers of the messages.
         sampling_time: duration of a cycle in s.
-        seed: seed of the flipped bits.
+        seed: seed of the flipped bits and of the noise.
 
     Raises:
         CodegenError: a fault names an unknown message or signal, or one that its kind does not affect.
@@ -121,6 +127,8 @@ class Injector:
                     continue
                 if fault.kind == "stuck-value":
                     result[name] = self._stuck.setdefault((index, name), values[name])
+                elif fault.kind in ADDED_KINDS:
+                    result[name] += fault.amount if fault.kind == "offset" else self._random.gauss(0.0, fault.amount)
                 else:
                     result[name] = math.nan if fault.kind == "not-a-number" else math.inf
         return result
@@ -220,6 +228,9 @@ def _check(fault: Fault, messages: Mapping[str, Message], command: str) -> None:
         raise CodegenError(what, where="faults", remedy="name a message of the car")
     if fault.kind == "delay" and fault.cycles < 1:
         raise CodegenError(f"a fault delay of {fault.cycles} cycles", where="faults", remedy="give at least 1")
+    if fault.kind in ADDED_KINDS and not (math.isfinite(fault.amount) and fault.amount):
+        what = f"a fault {fault.kind} of the amount {fault.amount:g}"
+        raise CodegenError(what, where="faults", remedy="give a finite one that is not zero")
     if fault.message is not None and fault.message not in messages:
         raise _unknown("message", fault.message, messages)
     if fault.signal is not None:

@@ -35,7 +35,7 @@ from codegen.configuration.section import Location, Range, Section, check_name, 
 from codegen.errors import CodegenError, suggestion
 from codegen.files import read_text
 from codegen.sil.software import RECORD_COLUMNS
-from hil_sim.faults import FRAME_KINDS, VALUE_KINDS, Fault, FaultKind
+from hil_sim.faults import ADDED_KINDS, FRAME_KINDS, VALUE_KINDS, Fault, FaultKind
 from hil_sim.manoeuvres import Columns, Settings
 from hil_sim.scenarios import BUILT_IN, Scenario
 
@@ -81,6 +81,7 @@ class FaultLine(Section):
     message: str | None = None
     signal: str | None = None
     cycles: Annotated[int | None, Field(ge=1, le=100)] = None
+    amount: Annotated[float, Range(-1_000.0, 1_000.0, "SI unit of the signal")] | None = None
 
 
 class ScenarioFile(Section):
@@ -180,6 +181,7 @@ def _fault(line: FaultLine, place: str, config: Config) -> Fault:
         ("message", line.message, of_signal or of_frame, of_signal),
         ("signal", line.signal, of_signal, of_signal),
         ("cycles", line.cycles, line.kind == "delay", line.kind == "delay"),
+        ("amount", line.amount, line.kind in ADDED_KINDS, line.kind in ADDED_KINDS),
     ):
         if value is not None and not taken:
             raise wrong(key, f"{line.kind} does not take it", "remove it")
@@ -193,7 +195,7 @@ def _fault(line: FaultLine, place: str, config: Config) -> Fault:
         if line.signal not in signals:
             raise wrong("signal", f"{line.message} has no signal {line.signal!r}", f"known: {', '.join(signals)}")
     kind: Any = line.kind
-    return Fault(kind, line.start_s, line.duration_s, line.message, line.signal, line.cycles or 0)
+    return Fault(kind, line.start_s, line.duration_s, line.message, line.signal, line.cycles or 0, line.amount or 0.0)
 
 
 def _key_of(location: Location) -> str:

@@ -251,7 +251,7 @@ class Config(Section):
         if self.steering.front_angle_stop_deg < last_angle:
             raise ValueError("steering.front_angle_stop_deg must not be below the grid's largest front angle")
         inputs = self.controller.inputs
-        if inputs.rear_angle_max_deg < self.rear_actuator.angle_max_deg:
+        if self.rear_angle_valid_max_deg < self.rear_actuator.angle_max_deg:
             raise ValueError("controller.inputs.rear_angle_max_deg must not be below rear_actuator.angle_max_deg")
         if inputs.front_angle_max_deg < self.steering.front_angle_stop_deg:
             raise ValueError("controller.inputs.front_angle_max_deg must not be below steering.front_angle_stop_deg")
@@ -314,7 +314,7 @@ class Config(Section):
             (
                 "vehicle_conditions.rear_angle",
                 can.vehicle_conditions.real("rear_angle"),
-                math.radians(inputs.rear_angle_max_deg),
+                math.radians(self.rear_angle_valid_max_deg),
             ),
             ("rear_steer_command.rear_angle", can.rear_steer_command.real("rear_angle"), self.rear_actuator.angle_max),
             ("rear_steer_command.yaw_rate_reference", can.rear_steer_command.real("yaw_rate_reference"), yaw_rate),
@@ -346,6 +346,12 @@ class Config(Section):
         """Largest speed for which the controller is designed, in km/h: that of the car, else the last one of the grid."""
         top = self.vehicle.top_speed_km_h or self.grid.last_speed_km_h
         return min(top, self.controller.inputs.speed_max_km_h)
+
+    @property
+    def rear_angle_valid_max_deg(self) -> float:
+        """Largest measured rear angle in deg that is valid."""
+        configured, actuator = self.controller.inputs.rear_angle_max_deg, self.rear_actuator
+        return actuator.angle_max_deg + actuator.tolerated_error_deg if isinstance(configured, str) else configured
 
     @property
     def actuator_lags_s(self) -> tuple[float, ...]:

@@ -317,6 +317,11 @@ class RearActuator(Section):
         """Largest angle in rad."""
         return math.radians(self.angle_max_deg)
 
+    @property
+    def tolerated_error_deg(self) -> float:
+        """Difference in deg from the lagged command that is not yet an error."""
+        return 0.1 * self.angle_max_deg if isinstance(self.stuck_error_deg, str) else self.stuck_error_deg
+
 
 def _is_zero(value: float) -> bool:
     return value == 0.0

@@ -51,7 +51,10 @@ class Inputs(Section):
     ] = 400.0
     front_angle_max_deg: Annotated[float, Range(10.0, 60.0, "deg"), Meaning("largest valid angle to either side")] = 45.0
     yaw_rate_max_deg_s: Annotated[float, Range(25.0, 600.0, "deg/s"), Meaning("largest valid yaw rate to either side")] = 150.0
-    rear_angle_max_deg: Annotated[float, Range(0.1, 45.0, "deg"), Meaning("largest valid angle to either side")] = 15.0
+    rear_angle_max_deg: Annotated[
+        Annotated[float, Range(0.1, 45.0, "deg")] | Literal["from-actuator"],
+        Meaning('largest valid angle to either side; "from-actuator" adds the tolerated error to its largest angle'),
+    ] = "from-actuator"
     friction_max: Annotated[float, Range(0.5, 2.0), Meaning("largest valid friction estimate")] = 1.5
     yaw_rate_tolerance_deg_s: Annotated[
         float, Range(5.0, 180.0, "deg/s"), Meaning("beyond lateral_acceleration_max_m_s2 / speed")

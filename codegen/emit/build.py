@@ -407,6 +407,7 @@ def _readme_facts(parts: _Parts, evidence: Evidence) -> dict[str, Any]:
         "placement": placement_text(parts.placed) if parts.placed else "",
         "degraded_samples": config.controller.fail_safe.degraded_samples_max,
         "fail_safe_ms": f"{(config.controller.fail_safe.degraded_samples_max + 1) * config.controller.sampling_time_s * 1e3:g}",
+        "fail_safe_rate": f"{config.controller.fail_safe.rate_deg_s:g}",
         "recovery_samples": config.controller.fail_safe.recovery_samples,
         "cap_share": f"{total.lateral_acceleration_cap / config.road.gravity_m_s2:.3g}",
     }

@@ -347,9 +347,7 @@ def task_view(config: Config) -> TaskView:
     """Return the view of the configured sampling time."""
     period = config.controller.sampling_time_s
     angle, wheels = (max(math.floor(time / period + 1e-9), 1) for time in (ANGLE_WAIT_S, WHEELS_WAIT_S))
-    return TaskView(
-        task_name(period), angle, f"{decimal(angle * period * 1e3)} ms", wheels, f"{decimal(wheels * period)} s"
-    )
+    return TaskView(task_name(period), angle, f"{decimal(angle * period * 1e3)} ms", wheels, f"{decimal(wheels * period)} s")
 
 
 def can_view(config: Config, precision: Precision) -> CanView:

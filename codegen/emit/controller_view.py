@@ -188,17 +188,14 @@ def _speed_parameters(config: Config) -> Iterator[Parameter]:
 def _actuator_parameters(config: Config) -> Iterator[Parameter]:
     """Yield the parameters of the check that the actuator follows its command; see `RearActuator`."""
     actuator, period = config.rear_actuator, config.controller.sampling_time_s
-    error: float | str = actuator.stuck_error_deg
     time: float | str = actuator.stuck_time_s
-    if isinstance(error, str):
-        error = 0.1 * actuator.angle_max_deg
     if isinstance(time, str):
         time = 2.0 * actuator.angle_max_deg / actuator.rate_max_deg_s + 10.0 * actuator.lag_s
     share = 1.0 - math.exp(-period / actuator.lag_s)
     yield Parameter("actuator_share", share, "of the way to the command that the actuator goes in a sample", 1e-4, 1.0)
     yield Parameter(
         "actuator_error_max",
-        math.radians(error),
+        math.radians(actuator.tolerated_error_deg),
         "rad, tolerated error, in addition to twice the remaining way",
         1e-4,
         1.5,

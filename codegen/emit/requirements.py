@@ -121,7 +121,7 @@ REQUIREMENTS = (
     ),
     Requirement(
         "ARS-CTL-8",
-        "Without control the command does not grow; it returns to zero in the fail-safe, and with kind pi in standby.",
+        "Without control its command does not grow; it returns to zero in the fail-safe, and with kind pi in standby.",
         ("controller_step", "limiter_step"),
         ("law",),
         ("sil/checks_supervision.py",),
@@ -233,7 +233,7 @@ REQUIREMENTS = (
     ),
     Requirement(
         "ARS-SUP-1",
-        "After a silence that led to the fail-safe, commands start from the measured rear angle, or the last measured one.",
+        "After a silence of both messages that led to the fail-safe, commands start from the measured angle, or the last one.",
         ("controller_place", STARTED),
         ("law", "sanitizers"),
         ("hil_sim/test_task_events.py",),
@@ -329,6 +329,11 @@ ON_THE_CAR = (
     (
         "ARS-CAR-4",
         "The receiver stores the bits of Diagnostics for the workshop and reads no reaction from them: Status has it.",
+    ),
+    (
+        "ARS-CAR-5",
+        "The sender's RearAngle is true within rear_actuator.stuck_error_deg, or not available: at the start, and after a"
+        " silence, the command starts from it.",
     ),
 )
 """Requirements on the nodes at the other end of the bus, by id."""

@@ -172,7 +172,7 @@ def loss(software: Software) -> BenchResult:
         ("rear_angle_command_rad", lambda values: 3.0 * values, ["beyond 3.5 deg"]),
         ("rear_angle_rad", lambda values: 20.0 * values, ["faster than 30 deg/s"]),
         # Like a recovery that starts from another angle.
-        ("rear_angle_command_rad", lambda values: np.where(np.arange(len(values)) == 140, 0.02, values), ["deg at once"]),
+        ("rear_angle_command_rad", lambda values: np.where(np.arange(len(values)) == 200, -0.02, values), ["deg at once"]),
         (
             "status",
             lambda values: np.minimum(values, Status.DEGRADED),

@@ -296,8 +296,12 @@ def check_command_stays_near_wheels(built: Built) -> None:
 
     state = task.state
     until(lambda: state.controller.enabled)
-    state.controller.rear_angle = state.controller.limiter.rear_angle = held
-    until(lambda: not state.controller.enabled, 0, wheels=held)
+
+    def is_released() -> bool:
+        state.controller.rear_angle = state.controller.limiter.rear_angle = state.expected_angle = held
+        return not state.controller.enabled
+
+    until(is_released, 0, wheels=held)
     waits = [run(held, 0) for _ in range(int(held / step))]
     assert waits[0] < held and near(waits[-1], held) and waits[-1] == waits[-2] != held
     angle = run(held - 30 * code, 0)

@@ -416,7 +416,7 @@ def check_wrong_lateral_acceleration(built: Built) -> None:
         "not confirmed by the angles": ([1.9] * 200, -0.1, False),
     }
     for (case, (values, rear, is_wrong)), side in itertools.product(cases.items(), (1.0, -1.0)):
-        unit = Unit(built, judges_lateral=True, yaw_rate_agreement=agreement, recovery_samples=10)
+        unit = Unit(built, judges_lateral=True, rear_angle_max=0.2, yaw_rate_agreement=agreement, recovery_samples=10)
         held = replace(straight, rear_angle=side * rear)
         unit.step(held)
         unit.run(replace(held, lateral_acceleration=side * (value + 1e-5 * (k % 2))) for k, value in enumerate(values))

@@ -102,7 +102,7 @@ def _configured_inputs(config: Config) -> dict[str, Any]:
         "speed_max": inputs.speed_max_km_h / 3.6,
         "front_angle_max": math.radians(inputs.front_angle_max_deg),
         "yaw_rate_max": math.radians(inputs.yaw_rate_max_deg_s),
-        "rear_angle_max": math.radians(inputs.rear_angle_max_deg),
+        "rear_angle_max": math.radians(config.rear_angle_valid_max_deg),
         "friction_max": inputs.friction_max,
         "speed_step": inputs.acceleration_max_m_s2 * period,
         "front_angle_step": math.radians(inputs.front_angle_rate_max_deg_s) * period,

@@ -5,8 +5,8 @@ import re
 
 import pytest
 
-from codegen.verify.budgets import bounded_loops
 from codegen.sil.software import compile_build
+from codegen.verify.budgets import bounded_loops
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.law import check as law
 from codegen.verify.law import states

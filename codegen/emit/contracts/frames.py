@@ -351,7 +351,9 @@ class FrameUnits(Conditions):
         held = self.held_by_actuator(_MEASURED)
         ways = zip(("<=", ">="), self._rated("in every sample, to the wheels at most or", _BEFORE), strict=True)
         for (order, (words, rated)), from_wheels in zip(ways, self.moved(_ANGLE, held, _LIMITER), strict=True):
-            reached = f"({self._known} && (({_ANGLE} {order} {held}) || ({_ANGLE} {order} {_WHEELS}) || {from_wheels.condition}))"
+            reached = (
+                f"({self._known} && (({_ANGLE} {order} {held}) || ({_ANGLE} {order} {_WHEELS}) || {from_wheels.condition}))"
+            )
             yield Claim(words, f"{self._restarts} || {rated} || {reached}")
 
     def _near_wheels(self) -> Iterator[Claim]:
@@ -359,16 +361,17 @@ class FrameUnits(Conditions):
         unknown, parameters, zero = f"{self._restarts} || !{self._known}", "self->parameters->", self.number(0.0)
         stuck = f"(self->actuator_samples > {parameters}actuator_samples_max)"
         ahead = f"((({_WHEELS} > {zero}) == ({_BEFORE} > {zero})) && (magnitude_of({_WHEELS}) > magnitude_of({_ANGLE})))"
-        is_due = f"(self->waited_samples > self_before->waited_samples)"
+        is_due = "(self->waited_samples > self_before->waited_samples)"
         waits = f"!(!self->controller.enabled && self->deviates && {is_due} && {ahead})"
         held = f"(magnitude_of({_ANGLE}) >= magnitude_of({_BEFORE})) || ({self.shrinks('self->start_angle', _ANGLE)})"
         yield Claim("a return to zero waits for wheels that do not follow", f"{unknown} || {waits} || {held}")
         margin = f"({parameters}actuator_error_max + {parameters}actuator_error_max)"
+        step = f"({stuck} ? {self._returning()} : {zero})"
         for words, order, sign, back in (("left", ">", "+", "-"), ("right", "<", "-", "+")):
             outer = f"((({_MEASURED} {order} {zero}) ? {_MEASURED} : {zero}) {sign} {margin})"
-            near = f"!({_ANGLE} {order} {outer}) || !({_ANGLE} {order} ({_BEFORE} {back} {self._returning()}))"
-            claim = f"{unknown} || !(self->controller.enabled && {stuck}) || {near}"
-            yield Claim(f"a stuck actuator gets no command farther out to the {words}, or one that returns", claim)
+            near = f"!({_ANGLE} {order} {outer}) || !({_ANGLE} {order} ({_BEFORE} {back} {step}))"
+            claim = f"{unknown} || !(self->controller.enabled && ({stuck} || self->deviates)) || {near}"
+            yield Claim(f"wheels that do not follow get no command farther out to the {words}; a stuck actuator one back", claim)
 
     def _returning(self) -> str:
         """Return the largest change in a sample at which the command for a stuck actuator returns."""

@@ -58,7 +58,7 @@ def histories(config: Config) -> Iterator[Rows]:
     """
     inputs, fail_safe, e2e = config.controller.inputs, config.controller.fail_safe, config.can.e2e
     wrong = -math.radians(inputs.yaw_rate_tolerance_deg_s)
-    beyond = 1.05 * math.radians(inputs.rear_angle_max_deg)
+    beyond = 1.05 * math.radians(config.rear_angle_valid_max_deg)
     speed = 0.5 * (config.controller.feedback_speeds_km_h[1] + inputs.speed_max_km_h) * KM_H
     # Longer than the task waits for messages and for a rear angle.
     patience, recovery, messages = fail_safe.degraded_samples_max + 2, fail_safe.recovery_samples, 2 + e2e.min_ok_state_init

@@ -80,7 +80,7 @@ def cycles_of(config: Config, precision: Precision, samples: Sequence[Measuremen
     can, codec = config.can, Codec(config.can, precision)
     generator = np.random.default_rng(seed)
     largest = config.rear_actuator.angle_max
-    impossible = 1.1 * math.radians(config.controller.inputs.rear_angle_max_deg)
+    impossible = 1.1 * math.radians(config.rear_angle_valid_max_deg)
     waits = can.e2e.min_ok_state_init + config.controller.fail_safe.recovery_samples + 1
     gaps = [gaps_of(len(samples), GAP, generator) for _ in range(2)]
     found, counter = [], 0

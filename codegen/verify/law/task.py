@@ -223,9 +223,9 @@ class SecondTask:
         is_stuck, angle = self._samples_off > parameters.actuator_samples_max, self._controller.angle
         kept = real(measured) - self._offset
         margin, zero, wheels = real(2.0) * real(parameters.actuator_error_max), real(0.0), real(measured)
-        if self._controller.runs and is_stuck:
+        if self._controller.runs and (is_stuck or self._deviates):
             rates = (real(parameters.fail_safe_rate), real(parameters.limiter.rear_rate_max))
-            travel = min(rates) * self._controller.period
+            travel = min(rates) * self._controller.period if is_stuck else zero
             high = max(max(wheels, zero) + margin, last - travel)
             low = min(min(wheels, zero) - margin, last + travel)
             angle = min(max(angle, low), high)
@@ -240,7 +240,7 @@ class SecondTask:
         return replace(command, rear_angle=float(self._controller.angle))
 
     def _waits(self, wheels: Any, last: Any) -> bool:
-        """Return whether a return to zero waits for wheels on the side of the last command, farther out than the present one."""
+        """Return whether a return to zero waits for wheels on the side of the last command, farther out than this one."""
         is_ahead = (wheels > 0.0) == (last > 0.0) and abs(wheels) > abs(self._controller.angle)
         return bool(is_ahead and self._waited < max(int(WHEELS_WAIT_S / float(self._controller.period) + 1e-6), 1))
 
@@ -285,6 +285,8 @@ class SecondTask:
         car = motion.contents if motion.is_usable else VehicleMotion(math.nan, math.nan, math.nan)
         last: VehicleConditions = conditions.contents or VehicleConditions()
         state = replace(last, inhibit=inhibit) if conditions.is_usable else VehicleConditions(inhibit=inhibit)
+        if self._deviates:
+            state = replace(state, rear_angle=math.nan)
         return Measurement(**vars(car), **vars(state))
 
     def _is_plausible(self, rear_angle: float) -> bool:

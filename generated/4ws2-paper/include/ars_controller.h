@@ -22,16 +22,16 @@
 #include "ars_limiter.h"
 #include "ars_parameters.h"
 
-#if ARS_INPUTS_BUILD != 0x5AF8F3C2u
+#if ARS_INPUTS_BUILD != 0x65B4715Eu
 #error "ars_inputs.h and this source come from different builds"
 #endif
-#if ARS_LAW_BUILD != 0x5AF8F3C2u
+#if ARS_LAW_BUILD != 0x65B4715Eu
 #error "ars_law.h and this source come from different builds"
 #endif
-#if ARS_LIMITER_BUILD != 0x5AF8F3C2u
+#if ARS_LIMITER_BUILD != 0x65B4715Eu
 #error "ars_limiter.h and this source come from different builds"
 #endif
-#if ARS_PARAMETERS_BUILD != 0x5AF8F3C2u
+#if ARS_PARAMETERS_BUILD != 0x65B4715Eu
 #error "ars_parameters.h and this source come from different builds"
 #endif
 
@@ -39,7 +39,7 @@
 extern "C" {
 #endif
 
-#define ARS_CONTROLLER_BUILD 0x5AF8F3C2u
+#define ARS_CONTROLLER_BUILD 0x65B4715Eu
 
 /* Mark of a state that ars_controller_init() has initialised. Not zero, so that cleared memory does not look initialised. */
 #define ARS_CONTROLLER_INITIALISED 0x41525331u
@@ -48,7 +48,7 @@ extern "C" {
 typedef enum {
     ARS_STATUS_TRACKING = 0, /* following the reference */
     ARS_STATUS_LIMITED = 1,  /* following, with the command at a limit: angle, rate, distance to the measured angle, or the limiter's */
-    ARS_STATUS_STANDBY = 2,  /* too slow (with hysteresis), or reversing: the rear angle returns to zero */
+    ARS_STATUS_STANDBY = 2,  /* no speed yet, or inhibited for good, then the rear angle returns to zero; kind pi: also too slow or reversing */
     ARS_STATUS_DEGRADED = 3, /* following, with one signal estimated or shortly predicted, or with held integrator: the loop is impaired */
     ARS_STATUS_FAIL_SAFE = 4 /* neither front angle nor yaw rate is valid: the rear angle returns to zero */
 } ars_status_t;

@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0x5AF8F3C2u
+#define ARS_DYNAMICS_BUILD 0x65B4715Eu
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

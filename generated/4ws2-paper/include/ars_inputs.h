@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0x5AF8F3C2u
+#define ARS_INPUTS_BUILD 0x65B4715Eu
 
 /* Measurements of one sample. A value that is not available is NaN. */
 typedef struct {
@@ -65,7 +65,7 @@ typedef struct {
     float speed_fall;                   /* m/s, decrease of a lost speed in a sample */
     float friction_recovery;            /* increase of a lost estimate in a sample */
     uint16_t missing_samples_max;       /* missing samples, less good ones, before a signal is replaced */
-    uint16_t recovery_samples;          /* good samples in a row until it is used again */
+    uint16_t recovery_samples;          /* good samples, less missing ones, until it is used again */
 } ars_inputs_parameters_t;
 
 /* Source of the value of a signal. */

@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x5AF8F3C2u
+#define ARS_LIMITER_BUILD 0x65B4715Eu
 
 enum { ARS_LIMITER_POINTS = 6 };
 

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x5AF8F3C2u
+#define ARS_MAP_BUILD 0x65B4715Eu
 
 /* Numbers of breakpoints. */
 enum {

@@ -9,7 +9,7 @@
  *     RUN            TRACKING   the command of the control law
  *     PREDICTED      DEGRADED   the command of the control law, which continues from the last sample
  *     DEGRADED       DEGRADED   the command of the control law
- *     LOST           FAIL_SAFE  the command returns to zero at a limited rate
+ *     LOST           FAIL_SAFE  the command returns to zero at a limited rate, from the measured angle, and waits for wheels that do not follow
  *     RESYNCHRONISE  FAIL_SAFE  no command ("not available"), the actuator holds its angle
  *     STANDBY        STANDBY    the command returns to zero at a limited rate; before the first speed, it is held
  *     INHIBITED      TRACKING   the command of the control law
@@ -27,7 +27,7 @@
 
 #include "ars_controller.h"
 
-#if ARS_CONTROLLER_BUILD != 0x5AF8F3C2u
+#if ARS_CONTROLLER_BUILD != 0x65B4715Eu
 #error "ars_controller.h and this source come from different builds"
 #endif
 
@@ -35,7 +35,7 @@
 extern "C" {
 #endif
 
-#define ARS_SUPERVISION_BUILD 0x5AF8F3C2u
+#define ARS_SUPERVISION_BUILD 0x65B4715Eu
 
 /* State of the supervision. */
 typedef enum {

@@ -9,8 +9,10 @@
  * 6 cycles (ars_e2e.h). Otherwise its signals are missing: the controller predicts for a few samples, then replaces them or, without front
  * angle and yaw rate, enters the fail-safe. Until the first good sample with a measured rear angle the command is sent as "not
  * available"; then the controller starts from the angle that the actuator holds. After a silence of both messages that led to the
- * fail-safe it is sent as "not available" again until the rear angle is measured, for at most recovery_samples calls; the fail-safe then
+ * fail-safe it is sent as "not available" again until the rear angle is measured, for at most 100 ms; the fail-safe then
  * starts from the measured angle, or else from the last measured one. A car that never measures it keeps the ramp from the last command.
+ * If only VehicleConditions was silent, the command starts from the measured angle unless that is where the commands should have taken it. A
+ * return to zero waits for wheels that do not follow it, and the command for a stuck actuator stays near the wheels.
  *
  * Map 4ws2-paper: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
  * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
@@ -26,16 +28,16 @@
 #include "ars_e2e.h"
 #include "ars_supervision.h"
 
-#if ARS_CAN_BUILD != 0x5AF8F3C2u
+#if ARS_CAN_BUILD != 0x65B4715Eu
 #error "ars_can.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0x5AF8F3C2u
+#if ARS_CONTROLLER_BUILD != 0x65B4715Eu
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_E2E_BUILD != 0x5AF8F3C2u
+#if ARS_E2E_BUILD != 0x65B4715Eu
 #error "ars_e2e.h and this source come from different builds"
 #endif
-#if ARS_SUPERVISION_BUILD != 0x5AF8F3C2u
+#if ARS_SUPERVISION_BUILD != 0x65B4715Eu
 #error "ars_supervision.h and this source come from different builds"
 #endif
 
@@ -43,7 +45,7 @@
 extern "C" {
 #endif
 
-#define ARS_TASK_BUILD 0x5AF8F3C2u
+#define ARS_TASK_BUILD 0x65B4715Eu
 
 /* Bits of the signal "Diagnostics": events since the previous call. Both messages MISSING: the task
  * ran early, or the bus is silent. */
@@ -70,6 +72,7 @@ typedef struct {
     uint16_t causes;                    /* diagnostics of this message since the last call, from bit 0 */
     uint8_t frames;                     /* received since the last call */
     uint8_t advance;                    /* steps of the sender's counter in good frames since the last call; 0: none */
+    bool out_of_sequence;               /* new data were received since the last call, with a counter that jumped */
     bool disturbed;                     /* an error or a loss since the last good frame */
     bool usable;                        /* in this sample: a good frame was received, and the message is valid */
 } ars_task_input_t;
@@ -91,9 +94,14 @@ typedef struct {
     float expected_angle;                       /* rad, of an actuator that follows the command */
     float measured_angle;                       /* rad, last measured and plausible rear angle */
     bool has_measured;                          /* there is one: the car measures the angle */
+    float start_angle;                          /* rad, from which control began, or at which it ended */
+    float angle_offset;                         /* rad, of the measured angle when control ended with another one than expected */
+    bool deviates;                              /* the measured angle is not the expected one */
+    bool released;                              /* control ended in the last call */
     bool conditions_close;                      /* conditions were received after the motion: the set is complete */
     uint16_t samples_without_angle;             /* samples without a rear angle before the start or after a silence */
-    uint8_t silent_calls;                       /* consecutive calls without a frame */
+    uint16_t waited_samples;                    /* in which the return to zero waited for the wheels */
+    uint8_t silent_calls;                       /* consecutive calls without new data */
     uint32_t cycles;                            /* calls; wraps around, as the other counters do */
     uint32_t late_cycles;                       /* calls with more than one frame of a message: the task ran late */
     uint32_t early_cycles;                      /* calls without a frame: the task ran early, or the bus is silent */

@@ -18,13 +18,13 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONSTANTS_BUILD != 0x5AF8F3C2u
+#if ARS_CONSTANTS_BUILD != 0x65B4715Eu
 #error "ars_constants.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0x5AF8F3C2u
+#if ARS_CONTROLLER_BUILD != 0x65B4715Eu
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x5AF8F3C2u
+#if ARS_MAP_BUILD != 0x65B4715Eu
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -47,7 +47,7 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
         .speed_max = 111.111115f,
         .front_angle_max = 0.7853982f,
         .yaw_rate_max = 2.6179938f,
-        .rear_angle_max = 0.2617994f,
+        .rear_angle_max = 0.06719518f,
         .friction_max = 1.5f,
         .speed_step = 0.5f,
         .front_angle_step = 0.017453292f,
@@ -80,9 +80,9 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     }
 };
 
-ARS_SECTION_CALIBRATION const char ars_epk[9] = "5AF8F3C2";
+ARS_SECTION_CALIBRATION const char ars_epk[9] = "65B4715E";
 
-ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0x3D9E76A7u;
+ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0xE459300Fu;
 
 /* Speed: 102 breakpoints from 0 to 33.33 m/s: one of 5.556, 100 cells of 0.277778. */
 ARS_SECTION_CALIBRATION

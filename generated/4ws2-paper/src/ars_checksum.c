@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0x5AF8F3C2u
+#if ARS_CHECKSUM_BUILD != 0x65B4715Eu
 #error "ars_checksum.h and this source come from different builds"
 #endif
 

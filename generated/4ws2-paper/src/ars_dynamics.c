@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0x5AF8F3C2u
+#if ARS_DYNAMICS_BUILD != 0x65B4715Eu
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_E2E_BUILD != 0x5AF8F3C2u
+#if ARS_E2E_BUILD != 0x65B4715Eu
 #error "ars_e2e.h and this source come from different builds"
 #endif
 

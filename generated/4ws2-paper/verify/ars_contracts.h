@@ -19,10 +19,10 @@
 #include "ars_map.h"
 #include "ars_task.h"
 
-#if ARS_MAP_BUILD != 0x5AF8F3C2u
+#if ARS_MAP_BUILD != 0x65B4715Eu
 #error "ars_map.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0x5AF8F3C2u
+#if ARS_TASK_BUILD != 0x65B4715Eu
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -256,6 +256,7 @@ static inline bool ars_task_input_holds(const ars_task_input_t *value)
         && ars_e2e_supervision_holds(&value->supervision)
         && (value->causes <= 7u)
         && (value->advance <= 7u)
+        && is_flag(value->out_of_sequence)
         && is_flag(value->disturbed)
         && is_flag(value->usable);
     return holds;
@@ -288,10 +289,15 @@ static inline bool ars_task_holds(const ars_task_t *value)
         && (value->inhibited_samples <= 60001u)
         && lies_within(value->expected_angle, 0.7853982f)
         && lies_within(value->measured_angle, 0.7853982f)
+        && lies_within(value->start_angle, 0.061086524f)
+        && lies_within(value->angle_offset, (2 * 0.7853982f))
+        && (value->waited_samples <= 500u)
         && ars_supervision_holds(&value->supervision)
         && is_flag(value->conditions.inhibit)
         && is_flag(value->conditions_close)
-        && is_flag(value->has_measured);
+        && is_flag(value->has_measured)
+        && is_flag(value->deviates)
+        && is_flag(value->released);
     return holds;
 }
 
@@ -650,6 +656,7 @@ static inline void ars_controller_place_ensures(const ars_controller_t *self, fl
     CONTRACT_ENSURE(ars_controller_holds(self), "self is within its invariant");
     CONTRACT_ENSURE(lies_within(self->rear_angle, 0.061086524f), "|rear_angle| is at most the actuator's largest angle");
     CONTRACT_ENSURE(self->rear_angle == held_within(rear_angle, 0.061086524f), "it starts from the given angle");
+    CONTRACT_ENSURE(self->enabled == self_before->enabled, "it neither starts nor ends control");
 }
 
 static inline void ars_controller_stand_by_requires(const ars_controller_t *self, const ars_parameters_t *parameters)
@@ -1068,6 +1075,8 @@ static inline void ars_task_on_can_frame_ensures(const ars_task_t *self, uint32_
     (void)self_before;
     CONTRACT_ENSURE(ars_task_holds(self), "self is within its invariant");
     CONTRACT_ENSURE((id != (uint32_t)ARS_CAN_ID_VEHICLE_CONDITIONS) || (self->conditions_close == (self_before->motion_input.frames > 0u)), "the set is complete after the conditions of a cycle with the motion");
+    CONTRACT_ENSURE((uint32_t)self->motion_input.frames == ((id == (uint32_t)ARS_CAN_ID_VEHICLE_MOTION) ? (((uint32_t)self_before->motion_input.frames < UINT8_MAX) ? ((uint32_t)self_before->motion_input.frames + 1u) : UINT8_MAX) : (uint32_t)self_before->motion_input.frames), "a frame of the motion counts, whatever its length and content");
+    CONTRACT_ENSURE((uint32_t)self->conditions_input.frames == ((id == (uint32_t)ARS_CAN_ID_VEHICLE_CONDITIONS) ? (((uint32_t)self_before->conditions_input.frames < UINT8_MAX) ? ((uint32_t)self_before->conditions_input.frames + 1u) : UINT8_MAX) : (uint32_t)self_before->conditions_input.frames), "a frame of the conditions counts, whatever its length and content");
 }
 
 static inline void ars_task_10ms_requires(const ars_task_t *self, const uint8_t data[8])
@@ -1087,13 +1096,10 @@ static inline void ars_task_10ms_ensures(const ars_task_t *self, const uint8_t d
     CONTRACT_ENSURE(result == (uint32_t)ARS_CAN_ID_REAR_STEER_COMMAND, "it is the frame of the command");
     CONTRACT_ENSURE(((data[1] & 0x0Fu) == (uint32_t)self_before->counter) && (self->counter == (((uint32_t)self_before->counter + 1u) % 15u)), "the frame has the counter, and the counter advances");
     CONTRACT_ENSURE(ars_e2e_crc((uint16_t)ARS_CAN_DATA_ID_REAR_STEER_COMMAND, data) == data[0], "the frame has the right CRC");
-    CONTRACT_ENSURE((((self_before->supervision.state == ARS_SUPERVISION_START) || (self_before->supervision.state == ARS_SUPERVISION_RESYNCHRONISE)) || ((self_before->silent_calls > self->parameters->inputs.missing_samples_max) && ((self_before->motion_input.frames > 0u) || (self_before->conditions_input.frames > 0u)) && self_before->has_measured)) || (self->controller.rear_angle <= (self_before->controller.rear_angle + (self->parameters->limiter.rear_rate_max * 0.01f))) || (self->controller.rear_angle == -self->parameters->limiter.rear_angle_max), "from sample to sample, it rises by at most rear_rate_max, or to -rear_angle_max");
-    CONTRACT_ENSURE((((self_before->supervision.state == ARS_SUPERVISION_START) || (self_before->supervision.state == ARS_SUPERVISION_RESYNCHRONISE)) || ((self_before->silent_calls > self->parameters->inputs.missing_samples_max) && ((self_before->motion_input.frames > 0u) || (self_before->conditions_input.frames > 0u)) && self_before->has_measured)) || ((self_before->controller.rear_angle - (self->parameters->limiter.rear_rate_max * 0.01f)) <= self->controller.rear_angle) || (self->controller.rear_angle == self->parameters->limiter.rear_angle_max), "from sample to sample, it falls by at most rear_rate_max, or to rear_angle_max");
-    CONTRACT_ENSURE(!(((self_before->supervision.state == ARS_SUPERVISION_START) || (self_before->supervision.state == ARS_SUPERVISION_RESYNCHRONISE)) || ((self_before->silent_calls > self->parameters->inputs.missing_samples_max) && ((self_before->motion_input.frames > 0u) || (self_before->conditions_input.frames > 0u)) && self_before->has_measured)) || (!self->supervision.has_command) || (self->controller.rear_angle <= (self->expected_angle + (self->parameters->limiter.rear_rate_max * 0.01f))) || (self->controller.rear_angle == -self->parameters->limiter.rear_angle_max), "from the start angle, it rises by at most rear_rate_max, or to -rear_angle_max");
-    CONTRACT_ENSURE(!(((self_before->supervision.state == ARS_SUPERVISION_START) || (self_before->supervision.state == ARS_SUPERVISION_RESYNCHRONISE)) || ((self_before->silent_calls > self->parameters->inputs.missing_samples_max) && ((self_before->motion_input.frames > 0u) || (self_before->conditions_input.frames > 0u)) && self_before->has_measured)) || (!self->supervision.has_command) || ((self->expected_angle - (self->parameters->limiter.rear_rate_max * 0.01f)) <= self->controller.rear_angle) || (self->controller.rear_angle == self->parameters->limiter.rear_angle_max), "from the start angle, it falls by at most rear_rate_max, or to rear_angle_max");
-    CONTRACT_ENSURE(!(((self_before->supervision.state == ARS_SUPERVISION_START) || (self_before->supervision.state == ARS_SUPERVISION_RESYNCHRONISE)) || ((self_before->silent_calls > self->parameters->inputs.missing_samples_max) && ((self_before->motion_input.frames > 0u) || (self_before->conditions_input.frames > 0u)) && self_before->has_measured)) || (!self->supervision.has_command) || !self->has_measured || (self->expected_angle == held_within(self->measured_angle, 0.061086524f)), "the start angle is the measured one, or the last measured one");
-    CONTRACT_ENSURE((((self_before->supervision.state == ARS_SUPERVISION_START) || (self_before->supervision.state == ARS_SUPERVISION_RESYNCHRONISE)) || ((self_before->silent_calls > self->parameters->inputs.missing_samples_max) && ((self_before->motion_input.frames > 0u) || (self_before->conditions_input.frames > 0u)) && self_before->has_measured)) || !((self->supervision.state == ARS_SUPERVISION_LOST) || (self->supervision.state == ARS_SUPERVISION_STANDBY)) || (magnitude_of(self->controller.rear_angle) <= magnitude_of(self_before->controller.rear_angle)), "without control the magnitude of the command does not grow");
-    CONTRACT_ENSURE(!(!self->supervision.has_command) || (code_in(data, 16u, 16u, false) == ((uint32_t)-32768 & 0xFFFFu)), "without a known rear angle the frame has no command");
+    CONTRACT_ENSURE((self->motion_input.frames == 0u) && (self->conditions_input.frames == 0u), "the next cycle begins without frames");
+    CONTRACT_ENSURE(!self->conditions_close, "the next cycle begins with an incomplete set");
+    CONTRACT_ENSURE(!(self->conditions_input.supervision.state == ARS_E2E_STATE_VALID) || !self->conditions.inhibit || ((uint32_t)self->supervision.cause <= (uint32_t)ARS_CAUSE_INHIBIT), "Inhibit acts until the car ends it, over single lost frames too");
+    CONTRACT_ENSURE((self->conditions_input.supervision.state == ARS_E2E_STATE_VALID) || ((uint32_t)self->supervision.cause <= (uint32_t)ARS_CAUSE_CONDITIONS_UNKNOWN), "without valid conditions it is unknown whether the car sets Inhibit");
 }
 
 #endif /* ARS_CONTRACTS_H */

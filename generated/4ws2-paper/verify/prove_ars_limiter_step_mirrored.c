@@ -61,6 +61,7 @@ void prove_ars_limiter_step_mirrored(void)
     other.demand = -input.demand;
     other.front_angle = -input.front_angle;
     result = ars_limiter_step(&self, &parameters, &input);
+    (void)result;
     const float mirrored_result = ars_limiter_step(&mirrored, &parameters, &other);
     lemma_interpolation(opposite_phase_bound(&parameters, self.speed), parameters.rear_angle_max, ((magnitude(self.front_angle) / parameters.in_phase_from_front_angle) < 1.0f) ? (magnitude(self.front_angle) / parameters.in_phase_from_front_angle) : 1.0f);
     CONTRACT_ENSURE(are_mirrored(result, mirrored_result), "the mirrored angles give the mirrored result");

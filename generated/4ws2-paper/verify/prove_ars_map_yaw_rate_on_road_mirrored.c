@@ -50,6 +50,7 @@ void prove_ars_map_yaw_rate_on_road_mirrored(void)
 
     ars_map_yaw_rate_on_road_requires(speed, front_angle, friction);
     result = ars_map_yaw_rate_on_road(speed, front_angle, friction);
+    (void)result;
     const float mirrored = ars_map_yaw_rate_on_road(speed, -front_angle, friction);
     CONTRACT_ENSURE(!((front_angle < 0.0f) || (front_angle > 0.0f)) || are_mirrored(result, mirrored), "the mirrored front angle gives the mirrored yaw rate");
     check_end();

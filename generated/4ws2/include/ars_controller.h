@@ -23,19 +23,19 @@
 #include "ars_limiter.h"
 #include "ars_parameters.h"
 
-#if ARS_GRIP_BUILD != 0xA23ACBF7u
+#if ARS_GRIP_BUILD != 0xC6ACAE16u
 #error "ars_grip.h and this source come from different builds"
 #endif
-#if ARS_INPUTS_BUILD != 0xA23ACBF7u
+#if ARS_INPUTS_BUILD != 0xC6ACAE16u
 #error "ars_inputs.h and this source come from different builds"
 #endif
-#if ARS_LAW_BUILD != 0xA23ACBF7u
+#if ARS_LAW_BUILD != 0xC6ACAE16u
 #error "ars_law.h and this source come from different builds"
 #endif
-#if ARS_LIMITER_BUILD != 0xA23ACBF7u
+#if ARS_LIMITER_BUILD != 0xC6ACAE16u
 #error "ars_limiter.h and this source come from different builds"
 #endif
-#if ARS_PARAMETERS_BUILD != 0xA23ACBF7u
+#if ARS_PARAMETERS_BUILD != 0xC6ACAE16u
 #error "ars_parameters.h and this source come from different builds"
 #endif
 
@@ -43,7 +43,7 @@
 extern "C" {
 #endif
 
-#define ARS_CONTROLLER_BUILD 0xA23ACBF7u
+#define ARS_CONTROLLER_BUILD 0xC6ACAE16u
 
 /* Mark of a state that ars_controller_init() has initialised. Not zero, so that cleared memory does not look initialised. */
 #define ARS_CONTROLLER_INITIALISED 0x41525331u
@@ -52,7 +52,7 @@ extern "C" {
 typedef enum {
     ARS_STATUS_TRACKING = 0, /* following the reference */
     ARS_STATUS_LIMITED = 1,  /* following, with the command at a limit: angle, rate, distance to the measured angle, or the limiter's */
-    ARS_STATUS_STANDBY = 2,  /* too slow (with hysteresis), or reversing: the rear angle returns to zero */
+    ARS_STATUS_STANDBY = 2,  /* no speed yet, or inhibited for good, then the rear angle returns to zero; kind pi: also too slow or reversing */
     ARS_STATUS_DEGRADED = 3, /* following, with one signal estimated or shortly predicted, or with held integrator: the loop is impaired */
     ARS_STATUS_FAIL_SAFE = 4 /* neither front angle nor yaw rate is valid: the rear angle returns to zero */
 } ars_status_t;

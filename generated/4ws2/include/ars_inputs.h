@@ -26,7 +26,7 @@
 
 #include "ars_reference_model.h"
 
-#if ARS_REFERENCE_MODEL_BUILD != 0xA23ACBF7u
+#if ARS_REFERENCE_MODEL_BUILD != 0xC6ACAE16u
 #error "ars_reference_model.h and this source come from different builds"
 #endif
 
@@ -34,7 +34,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0xA23ACBF7u
+#define ARS_INPUTS_BUILD 0xC6ACAE16u
 
 /* Measurements of one sample. A value that is not available is NaN. */
 typedef struct {
@@ -72,7 +72,7 @@ typedef struct {
     float speed_fall;                   /* m/s, decrease of a lost speed in a sample */
     float friction_recovery;            /* increase of a lost estimate in a sample */
     uint16_t missing_samples_max;       /* missing samples, less good ones, before a signal is replaced */
-    uint16_t recovery_samples;          /* good samples in a row until it is used again */
+    uint16_t recovery_samples;          /* good samples, less missing ones, until it is used again */
 } ars_inputs_parameters_t;
 
 /* Source of the value of a signal. */

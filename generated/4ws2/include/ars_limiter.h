@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0xA23ACBF7u
+#define ARS_LIMITER_BUILD 0xC6ACAE16u
 
 enum { ARS_LIMITER_POINTS = 6 };
 

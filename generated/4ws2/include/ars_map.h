@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0xA23ACBF7u
+#define ARS_MAP_BUILD 0xC6ACAE16u
 
 /* Numbers of breakpoints. */
 enum {

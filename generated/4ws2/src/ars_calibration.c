@@ -18,13 +18,13 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONSTANTS_BUILD != 0xA23ACBF7u
+#if ARS_CONSTANTS_BUILD != 0xC6ACAE16u
 #error "ars_constants.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0xA23ACBF7u
+#if ARS_CONTROLLER_BUILD != 0xC6ACAE16u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0xA23ACBF7u
+#if ARS_MAP_BUILD != 0xC6ACAE16u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -65,7 +65,7 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
         .speed_max = 111.111115f,
         .front_angle_max = 0.7853982f,
         .yaw_rate_max = 2.6179938f,
-        .rear_angle_max = 0.2617994f,
+        .rear_angle_max = 0.06719518f,
         .friction_max = 1.5f,
         .speed_step = 0.5f,
         .front_angle_step = 0.017453292f,
@@ -98,9 +98,9 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     }
 };
 
-ARS_SECTION_CALIBRATION const char ars_epk[9] = "A23ACBF7";
+ARS_SECTION_CALIBRATION const char ars_epk[9] = "C6ACAE16";
 
-ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0x0541485Eu;
+ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0x89C2B2C9u;
 
 /* Speed: 119 breakpoints from 0 to 33.33 m/s: one of 0.8333, 117 cells of 0.277778. */
 ARS_SECTION_CALIBRATION

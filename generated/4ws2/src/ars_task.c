@@ -8,19 +8,19 @@
 
 #include "ars_sections.h"
 
-#if ARS_CAN_BUILD != 0xA23ACBF7u
+#if ARS_CAN_BUILD != 0xC6ACAE16u
 #error "ars_can.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0xA23ACBF7u
+#if ARS_CONTROLLER_BUILD != 0xC6ACAE16u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_E2E_BUILD != 0xA23ACBF7u
+#if ARS_E2E_BUILD != 0xC6ACAE16u
 #error "ars_e2e.h and this source come from different builds"
 #endif
-#if ARS_SUPERVISION_BUILD != 0xA23ACBF7u
+#if ARS_SUPERVISION_BUILD != 0xC6ACAE16u
 #error "ars_supervision.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0xA23ACBF7u
+#if ARS_TASK_BUILD != 0xC6ACAE16u
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -43,6 +43,12 @@ ARS_SECTION_CONST static const uint8_t advance_max = 6u;
 ARS_SECTION_CONST static const uint32_t disturbance_weight = 15u;
 ARS_SECTION_CONST static const uint32_t disturbance_max = 60u;
 
+/* Samples in which the command waits for the rear angle, 100 ms. */
+ARS_SECTION_CONST static const uint32_t angle_wait_max = 10u;
+
+/* Samples in which a return to zero waits for the wheels, 5 s. */
+ARS_SECTION_CONST static const uint16_t wait_samples_max = 500u;
+
 /* Return the number without its sign bit. Faster than a comparison: one instruction. */
 ARS_SECTION_CODE static float magnitude(float value)
 {
@@ -55,6 +61,21 @@ ARS_SECTION_CODE static float magnitude(float value)
     return number.value;
 }
 
+/* Return the value within +-largest. NaN gives +largest, so that it cannot enter the state. */
+ARS_SECTION_CODE static float bounded(float value, float largest)
+{
+    float result = largest;
+
+    if (magnitude(value) <= largest) {
+        result = value;
+    } else if (value < 0.0f) {
+        result = -largest;
+    } else {
+        /* above, or NaN */
+    }
+    return result;
+}
+
 ARS_SECTION_CODE static void input_init(ars_task_input_t *self)
 {
     ars_e2e_receiver_init(&self->receiver);
@@ -62,6 +83,7 @@ ARS_SECTION_CODE static void input_init(ars_task_input_t *self)
     self->causes = 0u;
     self->frames = 0u;
     self->advance = 0u;
+    self->out_of_sequence = false;
     self->disturbed = false;
     self->usable = false;
 }
@@ -96,9 +118,12 @@ ARS_SECTION_CODE static bool input_receive(ars_task_input_t *self, uint16_t data
     case ARS_E2E_WRONG_CRC:
         input_disturb(self, (uint32_t)ARS_DIAGNOSTICS_MOTION_WRONG_CRC);
         break;
-    case ARS_E2E_REPEATED:
     case ARS_E2E_SYNC:
     case ARS_E2E_WRONG_SEQUENCE:
+        self->out_of_sequence = true;
+        input_disturb(self, (uint32_t)ARS_DIAGNOSTICS_MOTION_WRONG_COUNTER);
+        break;
+    case ARS_E2E_REPEATED:
     case ARS_E2E_NO_NEW_DATA: /* not returned for a received frame */
     default:
         input_disturb(self, (uint32_t)ARS_DIAGNOSTICS_MOTION_WRONG_COUNTER);
@@ -114,6 +139,12 @@ ARS_SECTION_CODE static bool input_receive(ars_task_input_t *self, uint16_t data
 ARS_SECTION_CODE static bool input_returned(const ars_task_input_t *self)
 {
     return self->disturbed && (self->advance > 0u);
+}
+
+/* Return whether new data were received, usable or not. */
+ARS_SECTION_CODE static bool input_is_heard(const ars_task_input_t *self)
+{
+    return (self->advance > 0u) || self->out_of_sequence;
 }
 
 /* End a cycle of one message: return its diagnostics and prepare the next cycle. */
@@ -136,6 +167,7 @@ ARS_SECTION_CODE static uint32_t input_close(ars_task_input_t *self)
     self->causes = 0u;
     self->frames = 0u;
     self->advance = 0u;
+    self->out_of_sequence = false;
     return causes;
 }
 
@@ -159,7 +191,12 @@ ARS_SECTION_CODE void ars_task_init(ars_task_t *self, const ars_parameters_t *pa
     self->inhibited_samples = 0u;
     self->expected_angle = 0.0f;
     self->measured_angle = 0.0f;
+    self->start_angle = 0.0f;
+    self->angle_offset = 0.0f;
     self->has_measured = false;
+    self->deviates = false;
+    self->released = false;
+    self->waited_samples = 0u;
     self->conditions_close = false;
     ars_supervision_init(&self->supervision);
     self->samples_without_angle = 0u;
@@ -254,10 +291,24 @@ ARS_SECTION_CODE static uint32_t check_bus(ars_task_t *self)
     return (disturbance > disturbance_max) ? (uint32_t)ARS_DIAGNOSTICS_INTERMITTENT : 0u;
 }
 
+/* Start from the angle that the actuator holds. */
+ARS_SECTION_CODE static void start_from(ars_task_t *self, float rear_angle)
+{
+    ars_controller_place(&self->controller, rear_angle);
+    self->expected_angle = self->controller.rear_angle;
+    self->start_angle = self->controller.rear_angle;
+    self->angle_offset = 0.0f;
+    self->deviates = false;
+}
+
 /* Check that the measured rear angle follows the previous commands with the lag of the actuator. The tolerance grows by twice the
  * remaining angle, which covers twice the nominal lag and two samples of delay. An angle that is not measured (NaN) counts as no
- * difference. */
-ARS_SECTION_CODE static uint32_t check_actuator(ars_task_t *self, bool is_good)
+ * difference. The count rises only under control.
+ *
+ * When control ends, the return to zero starts from the measured angle if it is the expected one. If it is not, sensor, actuator or bus
+ * is at fault: the difference is taken off, so that a wrong sensor cannot turn the wheels. was_valid: the conditions, in the call
+ * before. When they return with another angle, commands may have been lost with them, and the command starts from that angle. */
+ARS_SECTION_CODE static uint32_t check_actuator(ars_task_t *self, bool is_measured, bool was_valid)
 {
     const ars_parameters_t *parameters = self->parameters;
     const float command = self->controller.rear_angle;
@@ -267,30 +318,36 @@ ARS_SECTION_CODE static uint32_t check_actuator(ars_task_t *self, bool is_good)
     const float expected = (magnitude(lagged_angle) <= plausible_angle_max) ? lagged_angle : command;
     const float remaining_angle = magnitude(command - expected);
     const float tolerance = parameters->actuator_error_max + (remaining_angle + remaining_angle);
-    const float angle_error = magnitude(self->conditions.rear_angle - expected);
+    const float angle_error = (self->conditions.rear_angle - self->angle_offset) - expected;
     uint32_t samples = self->actuator_samples;
 
     self->expected_angle = expected;
-    if (is_good) {
-        if (angle_error > tolerance) {
-            samples = (samples <= parameters->actuator_samples_max) ? (samples + 1u) : samples;
-        } else if (samples > 0u) {
-            samples--;
-        } else {
-            /* the actuator follows */
+    self->deviates = self->conditions_input.usable && (magnitude(angle_error) > tolerance);
+    if (is_measured && self->released && self->deviates) {
+        self->angle_offset = angle_error;
+        self->deviates = false;
+    } else if (is_measured && (self->released || (self->deviates && !was_valid)) && (samples <= parameters->actuator_samples_max)) {
+        start_from(self, self->conditions.rear_angle);
+    } else if (self->deviates) {
+        if (self->controller.enabled && (samples <= parameters->actuator_samples_max)) {
+            samples++;
         }
-        self->actuator_samples = (uint16_t)samples;
+    } else if (self->conditions_input.usable && (samples > 0u)) {
+        samples--;
+    } else {
+        /* the actuator follows, or the angle is not received */
     }
+    self->actuator_samples = (uint16_t)samples;
     return (samples > parameters->actuator_samples_max) ? (uint32_t)ARS_DIAGNOSTICS_ACTUATOR_STUCK : 0u;
 }
 
-/* Return whether the rear angle is unknown: until the start, and from the end of a silence in which the controller entered the
- * fail-safe. The actuator may have missed the commands too and still hold an old angle. */
+/* Return whether the rear angle is unknown: until the start, and from the first new data after a silence in which the controller entered
+ * the fail-safe. The actuator may have missed the commands too and still hold an old angle. */
 ARS_SECTION_CODE static bool lacks_angle(ars_task_t *self)
 {
     bool lacks = !self->supervision.has_command;
 
-    if ((self->motion_input.frames == 0u) && (self->conditions_input.frames == 0u)) {
+    if (!input_is_heard(&self->motion_input) && !input_is_heard(&self->conditions_input)) {
         if (self->silent_calls < UINT8_MAX) {
             self->silent_calls++;
         }
@@ -305,7 +362,7 @@ ARS_SECTION_CODE static bool lacks_angle(ars_task_t *self)
 }
 
 /* Start control from the angle that the actuator holds. Before the first start, wait while the angle is out of range; an angle that is
- * not available for recovery_samples samples means a car that does not measure it, and control starts from zero. After a silence, an
+ * not available for angle_wait_max samples means a car that does not measure it, and control starts from zero. After a silence, an
  * angle that is not measured for as many calls is replaced by the last measured one. Returns whether control has started. */
 ARS_SECTION_CODE static bool start(ars_task_t *self, bool is_good, bool is_measured)
 {
@@ -318,15 +375,10 @@ ARS_SECTION_CODE static bool start(ars_task_t *self, bool is_good, bool is_measu
         self->samples_without_angle = 0u;
     } else {
         self->samples_without_angle++;
-        started = self->samples_without_angle > self->parameters->inputs.recovery_samples;
+        started = self->samples_without_angle > angle_wait_max;
     }
     if (started) {
-        if (self->has_measured) {
-            ars_controller_place(&self->controller, is_measured ? rear_angle : self->measured_angle);
-        } else {
-            ars_controller_init(&self->controller, rear_angle);
-        }
-        self->expected_angle = self->controller.rear_angle;
+        start_from(self, (is_measured || !self->has_measured) ? rear_angle : self->measured_angle);
     }
     return started;
 }
@@ -385,11 +437,80 @@ ARS_SECTION_CODE static bool is_inhibited_for_good(ars_task_t *self)
     return self->inhibited_samples > self->parameters->inhibit_samples_max;
 }
 
+/* Command for wheels that do not follow: it goes no farther out than they are, with a margin in which they still differ from it. For a
+ * stuck actuator it also returns to there, at the rate of the fail-safe. It is never farther out than the law's: a wrong measurement
+ * must not turn the wheels. last: command before. */
+ARS_SECTION_CODE static float command_near_wheels(
+    const ars_task_t *self, bool is_stuck, float rear_angle, float last)
+{
+    const ars_parameters_t *parameters = self->parameters;
+    const float measured = self->conditions.rear_angle;
+    const float margin = parameters->actuator_error_max + parameters->actuator_error_max;
+    const float step_max = parameters->limiter.rear_rate_max * 0.01f;
+    const float fail_safe_step = parameters->fail_safe_rate * 0.01f;
+    const float returning_step = (fail_safe_step < step_max) ? fail_safe_step : step_max;
+    const float step = is_stuck ? returning_step : 0.0f;
+    float result;
+
+    if (rear_angle > 0.0f) {
+        const float outer = ((measured > 0.0f) ? measured : 0.0f) + margin;
+        const float returned = last - step;
+        const float largest = (returned > outer) ? returned : outer;
+
+        result = (rear_angle > largest) ? largest : rear_angle;
+    } else {
+        const float outer = ((measured < 0.0f) ? measured : 0.0f) - margin;
+        const float returned = last + step;
+        const float least = (returned < outer) ? returned : outer;
+
+        result = (rear_angle < least) ? least : rear_angle;
+    }
+    return result;
+}
+
+/* Keep the command near wheels that it does not move. Without control it waits while they are farther out, for at most wait_samples_max
+ * samples: it would reach zero alone, and the actuator would then follow at its full rate. When the wheels move again, the command goes on
+ * from them. last: command before; measured_before: angle before. */
+ARS_SECTION_CODE static void stay_near_wheels(
+    ars_task_t *self, ars_command_t *command, float last, float measured_before)
+{
+    const ars_parameters_t *parameters = self->parameters;
+    const float wheels = self->conditions.rear_angle - self->angle_offset;
+    const bool is_same_side = (wheels > 0.0f) == (last > 0.0f);
+    float rear_angle = command->rear_angle;
+
+    if (self->controller.enabled) {
+        const bool is_stuck = self->actuator_samples > parameters->actuator_samples_max;
+
+        if (is_stuck || self->deviates) {
+            rear_angle = command_near_wheels(self, is_stuck, rear_angle, last);
+        }
+    } else if (self->deviates && (self->waited_samples < wait_samples_max) && is_same_side
+        && (magnitude(wheels) > magnitude(rear_angle))) {
+        /* An actuator that gets commands goes at least that share of the way in a sample. */
+        const float move_min = parameters->actuator_share * parameters->actuator_error_max;
+        const bool has_moved = (magnitude(measured_before - self->angle_offset) - magnitude(wheels)) > move_min;
+        const float largest = magnitude(self->start_angle);
+
+        self->waited_samples++;
+        rear_angle = (has_moved && (largest > magnitude(last))) ? bounded(wheels, largest) : last;
+    } else {
+        /* the wheels follow, what they do is not known, or they were waited for */
+    }
+    if ((rear_angle > command->rear_angle) || (rear_angle < command->rear_angle)) { /* differs */
+        ars_controller_place(&self->controller, rear_angle);
+        command->rear_angle = self->controller.rear_angle;
+    }
+}
+
 /* Run the controller and the supervision. Signals of a missing message are passed as not available. The inhibit is held over single lost
  * frames; an impaired loop holds the integrator too. */
-ARS_SECTION_CODE static ars_command_t step(ars_task_t *self, uint32_t diagnostics, bool is_good, bool is_waiting)
+ARS_SECTION_CODE static ars_command_t step(
+    ars_task_t *self, uint32_t diagnostics, bool is_good, bool is_measured, bool is_waiting)
 {
     ars_command_t command;
+    float last;
+    bool was_controlled;
     bool has_angle = true;
     const bool motion_usable = self->motion_input.usable;
     const bool conditions_usable = self->conditions_input.usable;
@@ -399,12 +520,12 @@ ARS_SECTION_CODE static ars_command_t step(ars_task_t *self, uint32_t diagnostic
         .speed = motion_usable ? self->motion.speed : not_available,
         .front_angle = motion_usable ? self->motion.front_angle : not_available,
         .yaw_rate = motion_usable ? self->motion.yaw_rate : not_available,
-        .rear_angle = conditions_usable ? self->conditions.rear_angle : not_available,
+        /* The law holds its demand near the measured angle, so that a wrong sensor would turn the wheels: only one that is expected. */
+        .rear_angle = (conditions_usable && !self->deviates) ? self->conditions.rear_angle : not_available,
         .friction = conditions_usable ? self->conditions.friction : not_available,
         .lateral_acceleration = conditions_usable ? self->conditions.lateral_acceleration : not_available,
         .inhibit = (((uint32_t)ARS_CAUSES_HOLDING >> (uint32_t)cause) & 1u) != 0u
     };
-    const bool is_measured = is_good && (magnitude(self->conditions.rear_angle) <= self->parameters->inputs.rear_angle_max);
 
     if (!is_good) {
         self->lost_samples++;
@@ -412,14 +533,27 @@ ARS_SECTION_CODE static ars_command_t step(ars_task_t *self, uint32_t diagnostic
     if (is_waiting) {
         has_angle = start(self, is_good, is_measured);
     }
+    last = self->controller.rear_angle;
+    was_controlled = self->controller.enabled;
+    if (is_inhibited_for_good(self)) {
+        command = ars_controller_stand_by(&self->controller, self->parameters);
+    } else if (has_angle || self->has_measured) {
+        command = ars_controller_step(&self->controller, self->parameters, &measurement);
+    } else {
+        command.rear_angle = last; /* before the start; nothing is learned */
+        command.yaw_rate_reference = 0.0f;
+        command.status = ARS_STATUS_STANDBY;
+    }
     if (is_measured) {
+        stay_near_wheels(self, &command, last, self->measured_angle);
         self->has_measured = true;
         self->measured_angle = self->conditions.rear_angle;
     }
-    if (is_inhibited_for_good(self)) {
-        command = ars_controller_stand_by(&self->controller, self->parameters);
-    } else {
-        command = ars_controller_step(&self->controller, self->parameters, &measurement);
+    self->released = was_controlled && !self->controller.enabled;
+    if (self->controller.enabled != was_controlled) {
+        self->start_angle = command.rear_angle;
+        self->angle_offset = 0.0f;
+        self->waited_samples = 0u;
     }
     command.status = ars_supervision_step(
         &self->supervision, cause_of_sample(self, cause, command.status, has_angle), command.status);
@@ -453,22 +587,27 @@ ARS_SECTION_CODE uint32_t ars_task_10ms(ars_task_t *self, uint8_t data[8])
     ars_rear_steer_command_t signals;
     ars_command_t command;
     bool is_good;
+    bool is_measured;
     bool is_waiting;
+    bool was_valid;
 
     if (self->controller.initialised != (uint32_t)ARS_CONTROLLER_INITIALISED) { /* not initialised by ars_task_init() */
         ars_task_init(self, &ars_parameters_default);
     }
     is_waiting = lacks_angle(self);
+    was_valid = self->conditions_input.supervision.state == ARS_E2E_STATE_VALID;
     diagnostics = check_rhythm(self);
     diagnostics |= check_bus(self);
     diagnostics |= input_close(&self->motion_input);
     diagnostics |= input_close(&self->conditions_input) << conditions_shift;
     self->conditions_close = false;
     is_good = self->motion_input.usable && self->conditions_input.usable;
+    is_measured = self->conditions_input.usable && (is_good || self->has_measured)
+        && (magnitude(self->conditions.rear_angle) <= self->parameters->inputs.rear_angle_max);
     if (!is_waiting) {
-        diagnostics |= check_actuator(self, is_good);
+        diagnostics |= check_actuator(self, is_measured, was_valid);
     }
-    command = step(self, diagnostics, is_good, is_waiting);
+    command = step(self, diagnostics, is_good, is_measured, is_waiting);
     diagnostics |= causes_of_controller(self, is_good);
     /* Before the start, and after a silence, the rear angle is unknown: no command is better than a wrong one. */
     signals.rear_angle = self->supervision.has_command ? command.rear_angle : ars_can_not_available();

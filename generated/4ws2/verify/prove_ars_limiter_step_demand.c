@@ -44,6 +44,7 @@ void prove_ars_limiter_step_demand(void)
     self_before = self;
     (void)self_before;
     result = ars_limiter_step(&self, &parameters, &input);
+    (void)result;
     CONTRACT_ENSURE(!self.speed_known || !((((self.front_angle < 0.0f) ? -(opposite_phase_bound(&parameters, self.speed) + ((((magnitude(self.front_angle) / parameters.in_phase_from_front_angle) < 1.0f) ? (magnitude(self.front_angle) / parameters.in_phase_from_front_angle) : 1.0f) * (parameters.rear_angle_max - opposite_phase_bound(&parameters, self.speed)))) : -opposite_phase_bound(&parameters, self.speed)) <= input.demand) && (input.demand <= ((self.front_angle > 0.0f) ? (opposite_phase_bound(&parameters, self.speed) + ((((magnitude(self.front_angle) / parameters.in_phase_from_front_angle) < 1.0f) ? (magnitude(self.front_angle) / parameters.in_phase_from_front_angle) : 1.0f) * (parameters.rear_angle_max - opposite_phase_bound(&parameters, self.speed)))) : opposite_phase_bound(&parameters, self.speed))) && ((self_before.rear_angle - (parameters.rear_rate_max * 0.01f)) <= input.demand) && (input.demand <= (self_before.rear_angle + (parameters.rear_rate_max * 0.01f))) && lies_within(input.demand, parameters.rear_angle_max)) || (result == input.demand), "it is the demand where all bounds let that through");
     check_end();
 }

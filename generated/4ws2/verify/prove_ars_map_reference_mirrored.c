@@ -50,6 +50,7 @@ void prove_ars_map_reference_mirrored(void)
 
     ars_map_reference_requires(speed, front_angle, friction);
     result = ars_map_reference(speed, front_angle, friction);
+    (void)result;
     const ars_map_reference_t mirrored = ars_map_reference(speed, -front_angle, friction);
     CONTRACT_ENSURE(!((front_angle < 0.0f) || (front_angle > 0.0f)) || are_mirrored(result.yaw_rate, mirrored.yaw_rate), "the mirrored front angle gives the mirrored yaw rate");
     CONTRACT_ENSURE(!((front_angle < 0.0f) || (front_angle > 0.0f)) || are_mirrored(result.rear_angle, mirrored.rear_angle), "the mirrored front angle gives the mirrored rear angle");

@@ -4,7 +4,8 @@ Any messages are lost, alone and in pairs, the frames of one are damaged while t
 while the car turns in, in the steady turn, and while the driver steers back to straight ahead, so that the rear wheels hold an
 angle that the law no longer commands. The sideslip after the gap is compared with that of the intended ramp: the same car on
 the same course, whose rear wheels go on from the angle that they hold when the gap ends, at the rate of the fail-safe, and at
-that of the controller once it follows its reference again.
+that of the controller once it follows its reference again. With a wrong rear angle sensor in addition, it is compared with
+that of the right sensor.
 """
 
 import math
@@ -34,7 +35,7 @@ from tests.evidence.progress import Progress
 
 SHOWS = (
     "at every speed each fault of the catalogue has the status of the supervision's table, and after a gap on the bus the car"
-    " slides no more than with the intended ramp from the measured rear angle"
+    " slides no more than with the intended ramp from the measured rear angle, and spins with no wrong rear angle sensor"
 )
 SPEEDS_KM_H = (-5.0, 5.0, 30.0, 50.0, 80.0, 110.0)
 LENGTHS_S = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
@@ -51,6 +52,7 @@ LOSSES: Mapping[str, tuple[tuple[FaultKind, str], ...]] = {
     "conditions and commands are lost": (("drop", CONDITIONS), ("drop", COMMANDS)),
     "the motion is damaged and the commands are lost": (("corrupt", MOTION), ("drop", COMMANDS)),
     "the conditions are damaged and the commands are lost": (("corrupt", CONDITIONS), ("drop", COMMANDS)),
+    "nothing is lost": (),
     "all are lost": (("bus-down", ""),),
     "the ECU has no power": (("ecu-restart", ""),),
     "the car's node has no power": (("plant-restart", ""),),
@@ -63,24 +65,40 @@ FACTOR, ROUNDING_DEG = 1.1, 0.05
 """Largest sideslip over that of the intended ramp, and what a sample of delay more or less makes."""
 
 
+SENSORS: Mapping[str, tuple[FaultKind, float]] = {
+    "5 deg too large": ("offset", math.radians(5.0)),
+    "5 deg too small": ("offset", math.radians(-5.0)),
+    "1 deg too large": ("offset", math.radians(1.0)),
+    "1 deg too small": ("offset", math.radians(-1.0)),
+    "noise of 0.3 deg": ("noise", math.radians(0.3)),
+    "standing still": ("stuck-value", 0.0),
+    "not available": ("not-a-number", 0.0),
+}
+"""Faults of the rear angle sensor, from the beginning of the gap on."""
+SENSOR_LENGTH_S = 2.0
+
+
 @dataclass(frozen=True)
 class Gap:
-    """One gap: speed, what is lost (a key of LOSSES), beginning and length in s, and whether the driver steers back in it."""
+    """One gap: speed, what is lost (a key of LOSSES), beginning and length in s, whether the driver steers back in it, and what
+    is wrong with the rear angle sensor from its beginning on (a key of SENSORS, or "")."""
 
     speed_km_h: float
     loss: str
     start: float
     length: float
     steers_back: bool = False
+    sensor: str = ""
 
     def __str__(self) -> str:
         course = ", steered back" if self.steers_back else ""
+        course += f", rear angle sensor {self.sensor}" if self.sensor else ""
         return f"{self.speed_km_h:g} km/h, {self.loss} for {self.length:g} s from {self.start:g} s on{course}"
 
 
 @dataclass(frozen=True)
 class Slide:
-    """Largest sideslip in deg after a gap and with the intended ramp."""
+    """Largest sideslip in deg after a gap, and with the intended ramp or, with a wrong sensor, with the right one."""
 
     gap: Gap
     sideslip_deg: float
@@ -88,8 +106,9 @@ class Slide:
 
     @property
     def is_met(self) -> bool:
-        """Whether the car slides no more than it should; where the ramp spins, no figure beyond a spin counts."""
-        return self.sideslip_deg <= FACTOR * self.intended_deg + ROUNDING_DEG or self.intended_deg > SPIN_DEG
+        """Whether the car slides no more than it should; where that is a spin, no figure counts."""
+        most = SPIN_DEG if self.gap.sensor else FACTOR * self.intended_deg + ROUNDING_DEG
+        return self.sideslip_deg <= most or self.intended_deg > SPIN_DEG
 
 
 def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
@@ -101,7 +120,15 @@ def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
     slides, violations = [], []
     for speed in speeds:
         courses = [(start, False) for start in STARTS_S] + [(STARTS_S[-1], True)]
-        gaps = [Gap(speed, which, at, length, back) for which in LOSSES for at, back in courses for length in lengths]
+        gaps = [
+            Gap(speed, which, at, length, back)
+            for which in LOSSES
+            if LOSSES[which]
+            for at, back in courses
+            for length in lengths
+        ]
+        if speed == speeds[-1] or not effort.quick:
+            gaps += [Gap(speed, which, STARTS_S[-1], SENSOR_LENGTH_S, True, sensor) for which in LOSSES for sensor in SENSORS]
         key = f"{speed:g} km/h {effort.quick}"
         found = progress.once(key, partial(_all_sideslips, software, reference_map, gaps))
         slides += [Slide(gap, *pair) for gap, pair in zip(gaps, found, strict=True)]
@@ -111,16 +138,19 @@ def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
         for each in slides
         if not each.is_met
     ]
-    worst = max(
-        (each.sideslip_deg / max(each.intended_deg, ROUNDING_DEG) for each in slides if each.sideslip_deg > 1.0), default=0.0
+    right, wrong = ([each for each in slides if bool(each.gap.sensor) is is_wrong] for is_wrong in (False, True))
+    worst, with_sensor = (
+        max((each.sideslip_deg / max(each.intended_deg, ROUNDING_DEG) for each in some if each.sideslip_deg > 1.0), default=0.0)
+        for some in (right, wrong)
     )
     spins = sum(each.sideslip_deg > SPIN_DEG >= each.intended_deg for each in slides)
+    unavoidable = sum(each.intended_deg > SPIN_DEG for each in slides)
     cases = len(speeds) * len(catalogue(software.config.can, software.config.controller.sampling_time_s))
-    figure = f"{cases} faults and {len(slides)} gaps; largest sideslip over that of the intended ramp {worst:.2f}; "
-    figure += f"{spins} spins that it avoids"
-    return Outcome(
-        SHOWS, figure, Verdict.FAILED if findings else Verdict.PASSED, tuple(findings), {"worst": worst, "spins": spins}
-    )
+    figure = f"{cases} faults and {len(right)} gaps; largest sideslip over that of the intended ramp {worst:.2f}; "
+    figure += f"{len(wrong)} with a wrong rear angle sensor: over that of the right one {with_sensor:.2f}; "
+    figure += f"{spins} spins that these avoid, {unavoidable} cases spin with ramp and sensor as intended"
+    numbers = {"worst": worst, "worst with a wrong sensor": with_sensor, "spins": spins, "unavoidable": unavoidable}
+    return Outcome(SHOWS, figure, Verdict.FAILED if findings else Verdict.PASSED, tuple(findings), numbers)
 
 
 def _all_sideslips(software: Software, reference_map: ReferenceMap, gaps: Sequence[Gap]) -> list[tuple[float, float]]:
@@ -136,10 +166,14 @@ def _violations(software: Software, reference_map: ReferenceMap, speed_km_h: flo
 
 
 def sideslips(software: Software, reference_map: ReferenceMap, gap: Gap) -> tuple[float, float]:
-    """Return the largest sideslip in deg after a gap, and that with the intended ramp."""
+    """Return the largest sideslip in deg after a gap, and that with the intended ramp, or with the right sensor."""
     messages = software.config.can.messages()
     (edge,) = angles_at(reference_map, abs(gap.speed_km_h) * KM_H, (EDGE,))
     faults = tuple(Fault(kind, gap.start, gap.length, messages[role].name if role else None) for kind, role in LOSSES[gap.loss])
+    if gap.sensor:
+        kind, amount = SENSORS[gap.sensor]
+        wrong = Fault(kind, gap.start, gap.length + AFTER_S, messages[CONDITIONS].name, "rear_angle", amount=amount)
+        faults += (wrong,)
     scenario = Scenario(
         name="gap",
         subject="Gap",
@@ -153,6 +187,8 @@ def sideslips(software: Software, reference_map: ReferenceMap, gap: Gap) -> tupl
         faults=faults,
     )
     driven = bench.run_through_can(software, scenario).record
+    if gap.sensor:
+        return sideslip_after(driven, gap), sideslips(software, reference_map, replace(gap, sensor=""))[0]
     course = intended(driven, gap, software)
     ramp = replace(scenario, faults=(), rear_angle=lambda time: course[: time.size])
     found = bench.run(software, ramp)
