@@ -366,12 +366,14 @@ class FrameUnits(Conditions):
         held = f"(magnitude_of({_ANGLE}) >= magnitude_of({_BEFORE})) || ({self.shrinks('self->start_angle', _ANGLE)})"
         yield Claim("a return to zero waits for wheels that do not follow", f"{unknown} || {waits} || {held}")
         margin = f"({parameters}actuator_error_max + {parameters}actuator_error_max)"
-        step = f"({stuck} ? {self._returning()} : {zero})"
         for words, order, sign, back in (("left", ">", "+", "-"), ("right", "<", "-", "+")):
             outer = f"((({_MEASURED} {order} {zero}) ? {_MEASURED} : {zero}) {sign} {margin})"
-            near = f"!({_ANGLE} {order} {outer}) || !({_ANGLE} {order} ({_BEFORE} {back} {step}))"
-            claim = f"{unknown} || !(self->controller.enabled && ({stuck} || self->deviates)) || {near}"
-            yield Claim(f"wheels that do not follow get no command farther out to the {words}; a stuck actuator one back", claim)
+            near = f"!({_ANGLE} {order} {outer}) || !({_ANGLE} {order} ({_BEFORE} {back} {self._returning()}))"
+            claim = f"{unknown} || !(self->controller.enabled && {stuck}) || {near}"
+            yield Claim(f"a stuck actuator gets no command farther out to the {words}, or one that returns", claim)
+            out = f"({_ANGLE} {order} {zero}) && ({_ANGLE} {order} {_BEFORE})"
+            claim = f"{unknown} || !(self->controller.enabled && self->deviates) || {stuck} || !({out})"
+            yield Claim(f"wheels that do not follow get no command farther out to the {words} than before", claim)
 
     def _returning(self) -> str:
         """Return the largest change in a sample at which the command for a stuck actuator returns."""

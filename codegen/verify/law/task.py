@@ -223,12 +223,14 @@ class SecondTask:
         is_stuck, angle = self._samples_off > parameters.actuator_samples_max, self._controller.angle
         kept = real(measured) - self._offset
         margin, zero, wheels = real(2.0) * real(parameters.actuator_error_max), real(0.0), real(measured)
-        if self._controller.runs and (is_stuck or self._deviates):
+        if self._controller.runs and is_stuck:
             rates = (real(parameters.fail_safe_rate), real(parameters.limiter.rear_rate_max))
-            travel = min(rates) * self._controller.period if is_stuck else zero
+            travel = min(rates) * self._controller.period
             high = max(max(wheels, zero) + margin, last - travel)
             low = min(min(wheels, zero) - margin, last + travel)
             angle = min(max(angle, low), high)
+        elif self._controller.runs and self._deviates:
+            angle = max(min(angle, max(last, zero)), min(last, zero))
         elif not self._controller.runs and self._deviates and self._waits(kept, last):
             moved, bound = abs(real(self._measured or 0.0) - self._offset) - abs(kept), abs(self._start_angle)
             has_moved = moved > real(parameters.actuator_share) * real(parameters.actuator_error_max)

@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0x65B4715Eu
+#define ARS_CAN_BUILD 0xD9EDA16Au
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

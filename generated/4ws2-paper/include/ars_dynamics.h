@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0x65B4715Eu
+#define ARS_DYNAMICS_BUILD 0xD9EDA16Au
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

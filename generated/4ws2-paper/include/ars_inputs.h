@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0x65B4715Eu
+#define ARS_INPUTS_BUILD 0xD9EDA16Au
 
 /* Measurements of one sample. A value that is not available is NaN. */
 typedef struct {

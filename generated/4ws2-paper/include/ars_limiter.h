@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x65B4715Eu
+#define ARS_LIMITER_BUILD 0xD9EDA16Au
 
 enum { ARS_LIMITER_POINTS = 6 };
 

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x65B4715Eu
+#define ARS_MAP_BUILD 0xD9EDA16Au
 
 /* Numbers of breakpoints. */
 enum {

@@ -27,7 +27,7 @@
 
 #include "ars_controller.h"
 
-#if ARS_CONTROLLER_BUILD != 0x65B4715Eu
+#if ARS_CONTROLLER_BUILD != 0xD9EDA16Au
 #error "ars_controller.h and this source come from different builds"
 #endif
 
@@ -35,7 +35,7 @@
 extern "C" {
 #endif
 
-#define ARS_SUPERVISION_BUILD 0x65B4715Eu
+#define ARS_SUPERVISION_BUILD 0xD9EDA16Au
 
 /* State of the supervision. */
 typedef enum {

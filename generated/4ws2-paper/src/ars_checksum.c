@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0x65B4715Eu
+#if ARS_CHECKSUM_BUILD != 0xD9EDA16Au
 #error "ars_checksum.h and this source come from different builds"
 #endif
 

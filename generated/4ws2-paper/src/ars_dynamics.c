@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0x65B4715Eu
+#if ARS_DYNAMICS_BUILD != 0xD9EDA16Au
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_LIMITER_BUILD != 0x65B4715Eu
+#if ARS_LIMITER_BUILD != 0xD9EDA16Au
 #error "ars_limiter.h and this source come from different builds"
 #endif
 

@@ -16,7 +16,7 @@
 #include "ars_dynamics.h"
 #include "ars_map.h"
 
-#if ARS_TASK_BUILD != 0x65B4715Eu
+#if ARS_TASK_BUILD != 0xD9EDA16Au
 #error "ars_task.h and this source come from different builds"
 #endif
 

@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0xC6ACAE16u
+#define ARS_CAN_BUILD 0x488E1D0Bu
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

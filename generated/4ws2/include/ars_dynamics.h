@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0xC6ACAE16u
+#define ARS_DYNAMICS_BUILD 0x488E1D0Bu
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0xC6ACAE16u
+#define ARS_LIMITER_BUILD 0x488E1D0Bu
 
 enum { ARS_LIMITER_POINTS = 6 };
 

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0xC6ACAE16u
+#define ARS_MAP_BUILD 0x488E1D0Bu
 
 /* Numbers of breakpoints. */
 enum {

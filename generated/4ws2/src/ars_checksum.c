@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0xC6ACAE16u
+#if ARS_CHECKSUM_BUILD != 0x488E1D0Bu
 #error "ars_checksum.h and this source come from different builds"
 #endif
 

@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0xC6ACAE16u
+#if ARS_DYNAMICS_BUILD != 0x488E1D0Bu
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

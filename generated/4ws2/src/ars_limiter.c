@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_LIMITER_BUILD != 0xC6ACAE16u
+#if ARS_LIMITER_BUILD != 0x488E1D0Bu
 #error "ars_limiter.h and this source come from different builds"
 #endif
 

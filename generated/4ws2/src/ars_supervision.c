@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_SUPERVISION_BUILD != 0xC6ACAE16u
+#if ARS_SUPERVISION_BUILD != 0x488E1D0Bu
 #error "ars_supervision.h and this source come from different builds"
 #endif
 

@@ -8,19 +8,19 @@
 
 #include "ars_sections.h"
 
-#if ARS_CAN_BUILD != 0xC6ACAE16u
+#if ARS_CAN_BUILD != 0x488E1D0Bu
 #error "ars_can.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0xC6ACAE16u
+#if ARS_CONTROLLER_BUILD != 0x488E1D0Bu
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_E2E_BUILD != 0xC6ACAE16u
+#if ARS_E2E_BUILD != 0x488E1D0Bu
 #error "ars_e2e.h and this source come from different builds"
 #endif
-#if ARS_SUPERVISION_BUILD != 0xC6ACAE16u
+#if ARS_SUPERVISION_BUILD != 0x488E1D0Bu
 #error "ars_supervision.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0xC6ACAE16u
+#if ARS_TASK_BUILD != 0x488E1D0Bu
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -437,19 +437,17 @@ ARS_SECTION_CODE static bool is_inhibited_for_good(ars_task_t *self)
     return self->inhibited_samples > self->parameters->inhibit_samples_max;
 }
 
-/* Command for wheels that do not follow: it goes no farther out than they are, with a margin in which they still differ from it. For a
- * stuck actuator it also returns to there, at the rate of the fail-safe. It is never farther out than the law's: a wrong measurement
- * must not turn the wheels. last: command before. */
-ARS_SECTION_CODE static float command_near_wheels(
-    const ars_task_t *self, bool is_stuck, float rear_angle, float last)
+/* Command for a stuck actuator. At the rate of the fail-safe it returns to where it is no farther out than the wheels, with a margin in
+ * which they still differ from it. It is never farther out than the law's: a wrong measurement must not turn the wheels. last: command
+ * before. */
+ARS_SECTION_CODE static float command_for_stuck(const ars_task_t *self, float rear_angle, float last)
 {
     const ars_parameters_t *parameters = self->parameters;
     const float measured = self->conditions.rear_angle;
     const float margin = parameters->actuator_error_max + parameters->actuator_error_max;
     const float step_max = parameters->limiter.rear_rate_max * 0.01f;
     const float fail_safe_step = parameters->fail_safe_rate * 0.01f;
-    const float returning_step = (fail_safe_step < step_max) ? fail_safe_step : step_max;
-    const float step = is_stuck ? returning_step : 0.0f;
+    const float step = (fail_safe_step < step_max) ? fail_safe_step : step_max;
     float result;
 
     if (rear_angle > 0.0f) {
@@ -468,32 +466,57 @@ ARS_SECTION_CODE static float command_near_wheels(
     return result;
 }
 
-/* Keep the command near wheels that it does not move. Without control it waits while they are farther out, for at most wait_samples_max
- * samples: it would reach zero alone, and the actuator would then follow at its full rate. When the wheels move again, the command goes on
- * from them. last: command before; measured_before: angle before. */
-ARS_SECTION_CODE static void stay_near_wheels(
-    ars_task_t *self, ars_command_t *command, float last, float measured_before)
+/* Command for wheels that do not follow, for too short a time to call the actuator stuck: no farther out than before. */
+ARS_SECTION_CODE static float no_farther_out(float rear_angle, float last)
+{
+    float result = rear_angle;
+
+    if ((rear_angle > 0.0f) && (rear_angle > last)) {
+        result = (last > 0.0f) ? last : 0.0f;
+    } else if ((rear_angle < 0.0f) && (rear_angle < last)) {
+        result = (last < 0.0f) ? last : 0.0f;
+    } else {
+        /* on its way back */
+    }
+    return result;
+}
+
+/* Return to zero without control, while the wheels do not follow it: it waits while they are farther out, for at most wait_samples_max
+ * samples, because it would reach zero alone, and the actuator would then follow at its full rate. When the wheels move again, it goes
+ * on from them. last: command before; measured_before: angle before. */
+ARS_SECTION_CODE static float wait_for_wheels(
+    ars_task_t *self, float rear_angle, float last, float measured_before)
 {
     const ars_parameters_t *parameters = self->parameters;
     const float wheels = self->conditions.rear_angle - self->angle_offset;
     const bool is_same_side = (wheels > 0.0f) == (last > 0.0f);
-    float rear_angle = command->rear_angle;
+    float result = rear_angle;
 
-    if (self->controller.enabled) {
-        const bool is_stuck = self->actuator_samples > parameters->actuator_samples_max;
-
-        if (is_stuck || self->deviates) {
-            rear_angle = command_near_wheels(self, is_stuck, rear_angle, last);
-        }
-    } else if (self->deviates && (self->waited_samples < wait_samples_max) && is_same_side
-        && (magnitude(wheels) > magnitude(rear_angle))) {
+    if (is_same_side && (magnitude(wheels) > magnitude(rear_angle))) {
         /* An actuator that gets commands goes at least that share of the way in a sample. */
         const float move_min = parameters->actuator_share * parameters->actuator_error_max;
         const bool has_moved = (magnitude(measured_before - self->angle_offset) - magnitude(wheels)) > move_min;
         const float largest = magnitude(self->start_angle);
 
         self->waited_samples++;
-        rear_angle = (has_moved && (largest > magnitude(last))) ? bounded(wheels, largest) : last;
+        result = (has_moved && (largest > magnitude(last))) ? bounded(wheels, largest) : last;
+    }
+    return result;
+}
+
+/* Keep the command near wheels that it does not move. last: command before; measured_before: angle before. */
+ARS_SECTION_CODE static void stay_near_wheels(
+    ars_task_t *self, ars_command_t *command, float last, float measured_before)
+{
+    const bool is_stuck = self->actuator_samples > self->parameters->actuator_samples_max;
+    float rear_angle = command->rear_angle;
+
+    if (self->controller.enabled && is_stuck) {
+        rear_angle = command_for_stuck(self, rear_angle, last);
+    } else if (self->deviates && self->controller.enabled) {
+        rear_angle = no_farther_out(rear_angle, last);
+    } else if (self->deviates && (self->waited_samples < wait_samples_max)) {
+        rear_angle = wait_for_wheels(self, rear_angle, last, measured_before);
     } else {
         /* the wheels follow, what they do is not known, or they were waited for */
     }
