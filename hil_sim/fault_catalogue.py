@@ -268,8 +268,8 @@ def _step_bound_deg(case: FaultCase, result: BenchResult, config: Config) -> flo
     It follows from the rate limits; without any, from the feedback for the largest error of the run; for a feedforward
     without a rate limit, from its range. If commands are lost, the controller continues meanwhile, up to its distance from
     the measured rear angle. Where the wheels do not seem to follow, the command stays near them, and goes on from the
-    controller's, at most as far away, when they do. If its samples are lost too, it predicts for a few samples; the fail-safe starts from the
-    measured rear angle.
+    controller's, at most as far away, when they do. If samples are lost too, it predicts for a few of them; the fail-safe
+    starts from the measured rear angle.
     """
     controller, code = config.controller, math.degrees(config.can.rear_steer_command.real("rear_angle").factor)
     limits = [rate for rate in (controller.rear_rate_max_deg_s, config.limiter.rear_rate_max_deg_s) if rate != "off"]
