@@ -288,9 +288,7 @@ def _step_bound_deg(case: FaultCase, result: BenchResult, config: Config) -> flo
         bound *= 1 + config.can.e2e.sync_counter_init + config.can.e2e.max_delta_counter_init
     if case.clocks.are_free_running:
         bound *= 2  # a cycle without a command, and two in the next
-    if case.cause is Cause.ACTUATOR_STUCK or any(
-        fault.message == config.can.rear_steer_command.name for fault in case.faults
-    ):
+    if case.cause is Cause.ACTUATOR_STUCK or any(fault.message == config.can.rear_steer_command.name for fault in case.faults):
         bound += controller.rear_angle_error_max_deg
     time = _column(result, "time_s")
     apart = np.degrees(np.abs(_column(result, "rear_angle_command_rad") - _column(result, "rear_angle_rad")))
