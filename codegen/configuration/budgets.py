@@ -44,7 +44,7 @@ OF_KIND: Mapping[Kind, Mapping[str, int]] = {
     "feedforward": {"step_instructions_max": 670 + SECOND_TABLE, "task_instructions_max": 1_750 + SECOND_TABLE},
     "tracking": {
         "step_instructions_max": 1_440,
-        "task_instructions_max": 2_530,
+        "task_instructions_max": 2_590,
         "task_stack_bytes_max": 312,
         "state_bytes_max": 220 + CARRIED_BYTES,
     },

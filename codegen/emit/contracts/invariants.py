@@ -183,6 +183,8 @@ class Invariants(Conditions):
         yield self.within("value->measured_angle", self.high("rear_angle_max"))
         yield self.within("value->start_angle", self.controller.actuator_angle_max)
         yield self.within("value->angle_offset", f"(2 * {self.high('rear_angle_max')})")
+        yield f"(!(value->controller.enabled || value->released) || (value->angle_offset == {self.number(0.0)}))"
+        yield "!(value->controller.enabled && value->released)"
         yield f"(value->waited_samples <= {self.task.wheels_wait_max}u)"
         yield f"{self.own('supervision_holds')}(&value->supervision)"
         flags = ("conditions.inhibit", "conditions_close", "has_measured", "deviates", "released")
