@@ -65,7 +65,7 @@ def _of_supervision() -> tuple[Requirement, ...]:
     )
 
 
-STARTED, MOVED, REACHED, HELD = (f"task_10ms_{part}" for part in ("started", "moved", "reached", "held"))
+STARTED, MOVED, RAISED, LOWERED, HELD = (f"task_10ms_{part}" for part in ("started", "moved", "raised", "lowered", "held"))
 """Stand for the proofs of where the task's command starts and how it moves; their names have the period of the build."""
 
 _PACKED = ("can_pack_vehicle_motion", "can_pack_vehicle_conditions", "can_pack_rear_steer_command")
@@ -271,7 +271,7 @@ REQUIREMENTS = (
         "ARS-SUP-6",
         "From sample to sample the command moves within its rate limit, from the last command or to the measured rear angle;"
         " without control it waits for wheels that do not follow, and for a stuck actuator it returns to them.",
-        (MOVED, REACHED, HELD),
+        (MOVED, RAISED, LOWERED, HELD),
         ("law", "sanitizers"),
         ("sil/answers_task.py",),
     ),

@@ -258,7 +258,7 @@ class FrameUnits(Conditions):
         parts = {
             "_started": self._started_command(),
             "_moved": self._moved_command(),
-            "_reached": self._reached_command(),
+            **{part: (claim,) for part, claim in zip(("_raised", "_lowered"), self._reached_command(), strict=True)},
             "_held": self._near_wheels(),
         }
         for part, claims in parts.items():
