@@ -270,7 +270,7 @@ REQUIREMENTS = (
     Requirement(
         "ARS-SUP-6",
         "From sample to sample the command moves within its rate limit, from the last command or to the measured rear angle;"
-        " without control it waits for wheels that do not follow, and for a stuck actuator it returns to them.",
+        " without control it waits for wheels that do not follow, and under control it goes no farther out.",
         (MOVED, RAISED, LOWERED, HELD),
         ("law", "sanitizers"),
         ("sil/answers_task.py",),
@@ -324,7 +324,7 @@ ON_THE_CAR = (
     ),
     (
         "ARS-CAR-3",
-        "The receiver reads Status: it warns the driver in DEGRADED, and in FAIL_SAFE also limits the speed.",
+        "The receiver reads Status: it warns the driver in DEGRADED and STANDBY, and in FAIL_SAFE also limits the speed.",
     ),
     (
         "ARS-CAR-4",

@@ -76,8 +76,8 @@ class Cause(enum.IntEnum):
     """Cause of a sample, the most urgent first; the C enum `<prefix>_supervision_cause_t`."""
 
     ANGLE_UNKNOWN = 0
-    SAMPLE_LOST = 1
-    STANDBY = 2
+    STANDBY = 1
+    SAMPLE_LOST = 2
     SAMPLE_MISSING = 3
     SIGNAL_REPLACED = 4
     ACTUATOR_STUCK = 5
@@ -97,7 +97,7 @@ class CauseRow:
         leads_to: the next state, from every state that `EXCEPTIONS` does not list.
         bits: bits of `Diagnostics` that may be set with it.
         holds_integrator: it is known before the step of the controller, which then learns nothing.
-        confines: the command returns to where it is no farther out than the wheels, and stays there.
+        confines: the command goes no farther out.
     """
 
     text: str
@@ -111,14 +111,14 @@ _FRAMES = tuple(f"{side}_{fault}" for side in ("MOTION", "CONDITIONS") for fault
 
 CAUSES: Mapping[Cause, CauseRow] = {
     Cause.ANGLE_UNKNOWN: CauseRow("no rear angle to start from, at the start or after a silence", State.RESYNCHRONISE),
+    Cause.STANDBY: CauseRow(
+        "there was no speed yet, or the car has set Inhibit for good; with kind `pi`, also below its enabling speed",
+        State.STANDBY,
+    ),
     Cause.SAMPLE_LOST: CauseRow(
         "front angle and yaw rate are lost or rejected",
         State.LOST,
         (*_FRAMES, "UNAVAILABLE", "FRONT_ANGLE_REPLACED", "YAW_RATE_REPLACED"),
-    ),
-    Cause.STANDBY: CauseRow(
-        "there was no speed yet, or the car has set Inhibit for good; with kind `pi`, also below its enabling speed",
-        State.STANDBY,
     ),
     Cause.SAMPLE_MISSING: CauseRow(
         "a signal is missing, for a tolerated time so far", State.PREDICTED, (*_FRAMES, "UNAVAILABLE")
@@ -169,7 +169,7 @@ def reaction_of(cause: Cause) -> str:
     """Return the reaction to a cause in words, for the tables of manual and guide."""
     row = STATES[CAUSES[cause].leads_to]
     held = ", integrator and learned values are held" if CAUSES[cause].holds_integrator else ""
-    confined = ", no farther out than the wheels" if CAUSES[cause].confines else ""
+    confined = ", which goes no farther out" if CAUSES[cause].confines else ""
     return f"{row.reaction.value}{confined}{held}"
 
 

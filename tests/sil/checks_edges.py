@@ -59,7 +59,7 @@ def check_init_sets_everything(built: Built) -> None:
     software.function("task_init")(task, parameters)
     zero = ("counter", "conditions_close", "has_measured", "samples_without_angle", "cycles", "late_cycles", "early_cycles")
     zero += ("lost_samples", "backlog", "disturbance", "actuator_samples", "inhibited_samples", "expected_angle")
-    zero += ("start_angle", "deviates", "released", "angle_offset", "waited_samples")
+    zero += ("start_angle", "deviates", "released", "angle_offset", "waited_samples", "is_stuck")
     assert not any(getattr(task, field) for field in zero)
     assert not task.conditions.inhibit
     for signals, fields in (("motion", ("speed", "front_angle", "yaw_rate")), ("conditions", ("rear_angle", "friction"))):

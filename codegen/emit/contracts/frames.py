@@ -358,24 +358,18 @@ class FrameUnits(Conditions):
 
     def _near_wheels(self) -> Iterator[Claim]:
         """Yield that the command stays near wheels which it does not move; the code's own expressions make it exact."""
-        unknown, parameters, zero = f"{self._restarts} || !{self._known}", "self->parameters->", self.number(0.0)
-        stuck = f"(self->actuator_samples > {parameters}actuator_samples_max)"
+        unknown, zero = f"{self._restarts} || !{self._known}", self.number(0.0)
         ahead = f"((({_WHEELS} > {zero}) == ({_BEFORE} > {zero})) && (magnitude_of({_WHEELS}) > magnitude_of({_ANGLE})))"
         is_due = "(self->waited_samples > self_before->waited_samples)"
         waits = f"!(!self->controller.enabled && self->deviates && {is_due} && {ahead})"
         held = f"(magnitude_of({_ANGLE}) >= magnitude_of({_BEFORE})) || ({self.shrinks('self->start_angle', _ANGLE)})"
         yield Claim("a return to zero waits for wheels that do not follow", f"{unknown} || {waits} || {held}")
-        margin = f"({parameters}actuator_error_max + {parameters}actuator_error_max)"
-        for words, order, sign, back in (("left", ">", "+", "-"), ("right", "<", "-", "+")):
-            outer = f"((({_MEASURED} {order} {zero}) ? {_MEASURED} : {zero}) {sign} {margin})"
-            near = f"!({_ANGLE} {order} {outer}) || !({_ANGLE} {order} ({_BEFORE} {back} {self._returning()}))"
-            claim = f"{unknown} || !(self->controller.enabled && {stuck}) || {near}"
-            yield Claim(f"a stuck actuator gets no command farther out to the {words}, or one that returns", claim)
+        for words, order in (("left", ">"), ("right", "<")):
             out = f"({_ANGLE} {order} {zero}) && ({_ANGLE} {order} {_BEFORE})"
-            claim = f"{unknown} || !(self->controller.enabled && self->deviates) || {stuck} || !({out})"
+            claim = f"{unknown} || !self->controller.enabled || !(self->deviates || self->is_stuck) || !({out})"
             yield Claim(f"wheels that do not follow get no command farther out to the {words} than before", claim)
 
     def _returning(self) -> str:
-        """Return the largest change in a sample at which the command for a stuck actuator returns."""
+        """Return the largest change in a sample at the lower one of two rates."""
         own, most = (self.step(f"self->parameters->{each}") for each in ("fail_safe_rate", "limiter.rear_rate_max"))
         return f"(({own} < {most}) ? {own} : {most})"

@@ -177,8 +177,8 @@ class Invariants(Conditions):
             yield from (claim.condition for claim in self.signals_in_range(frame, f"value->{name}."))
         yield f"(value->counter <= {self.counter_max}u)"
         yield f"((value->backlog <= {TASK_COUNT_MAX}u) && (value->disturbance <= {TASK_COUNT_MAX}u))"
-        for name in ("actuator", "inhibited"):
-            yield f"(value->{name}_samples <= {TASK_SAMPLES_MAX + 1}u)"
+        yield f"(value->inhibited_samples <= {TASK_SAMPLES_MAX + 1}u)"
+        yield f"(value->actuator_samples <= ({TASK_SAMPLES_MAX}u + (value->is_stuck ? 1u : 0u)))"
         yield self.within("value->expected_angle", self.high("rear_angle_max"))
         yield self.within("value->measured_angle", self.high("rear_angle_max"))
         yield self.within("value->start_angle", self.controller.actuator_angle_max)
@@ -187,5 +187,5 @@ class Invariants(Conditions):
         yield "!(value->controller.enabled && value->released)"
         yield f"(value->waited_samples <= {self.task.wheels_wait_max}u)"
         yield f"{self.own('supervision_holds')}(&value->supervision)"
-        flags = ("conditions.inhibit", "conditions_close", "has_measured", "deviates", "released")
+        flags = ("conditions.inhibit", "conditions_close", "has_measured", "deviates", "released", "is_stuck")
         yield from (f"is_flag(value->{name})" for name in flags)

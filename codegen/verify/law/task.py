@@ -22,6 +22,7 @@ _BITS = {name: 1 << bit for bit, (name, _) in DIAGNOSTICS.items()}
 _ADVANCE = {E2eStatus.OK: 1, E2eStatus.INITIAL: 1, E2eStatus.OK_SOME_LOST: 2}
 """Steps of the sender's counter by a good frame, as counted by the task; other statuses are not good."""
 
+INPUTS = ("speed", "front_angle", "yaw_rate")
 BACKLOG_MAX, FORGIVEN_EVERY = 3, 64
 """Steps that the calls may lag behind the sender, and the calls after which one is forgiven."""
 DISTURBANCE_WEIGHT, DISTURBANCE_MAX = 15, 60
@@ -109,6 +110,7 @@ class SecondTask:
     _backlog: int = 0
     _disturbance: int = 0
     _samples_off: int = 0
+    _is_stuck: bool = False
     _inhibited: int = 0
     _expected: Any = 0.0
     _deviates: bool = False
@@ -161,7 +163,7 @@ class SecondTask:
             self._start_angle, self._offset, self._waited = self._controller.angle, self._controller.real(0.0), 0
         found |= self._causes_of_controller(command.status)
         self._state = next_state(self._state, min(found))
-        diagnostics |= self._of_controller(is_good)
+        diagnostics |= self._of_controller(is_good, command.status)
         has_command = STATES[self._state].has_command
         sent = (command.rear_angle, command.yaw_rate_reference) if has_command else (math.nan, math.nan)
         message, status = self.can.rear_steer_command, status_of(self._state, command.status is Status.LIMITED)
@@ -209,29 +211,25 @@ class SecondTask:
             starts &= self._is_plausible(measured)
             if starts and self._released and self._deviates:
                 self._offset, self._deviates = error, False
-            elif starts and (self._released or (self._deviates and returns)) and self._samples_off <= most:
+            elif starts and (self._released or (self._deviates and returns)) and not self._is_stuck:
                 self._place(measured)
             elif not self._deviates:
                 self._samples_off = max(self._samples_off - 1, 0)
+            elif self._is_stuck:
+                self._samples_off = most
             elif self._controller.runs:
-                self._samples_off = min(self._samples_off, most) + 1
-        return _BITS["ACTUATOR_STUCK"] if self._samples_off > most else 0
+                self._samples_off += 1
+            self._is_stuck = self._samples_off > (0 if self._is_stuck else most)
+        return _BITS["ACTUATOR_STUCK"] if self._is_stuck else 0
 
     def _near_wheels(self, command: Command, last: Any, measured: float) -> Command:
         """Return the command near wheels that it does not reach, never farther out than the law's or the last one."""
-        parameters, real = self.parameters, self._controller.real
-        is_stuck, angle = self._samples_off > parameters.actuator_samples_max, self._controller.angle
-        kept = real(measured) - self._offset
-        margin, zero, wheels = real(2.0) * real(parameters.actuator_error_max), real(0.0), real(measured)
-        if self._controller.runs and is_stuck:
-            rates = (real(parameters.fail_safe_rate), real(parameters.limiter.rear_rate_max))
-            travel = min(rates) * self._controller.period
-            high = max(max(wheels, zero) + margin, last - travel)
-            low = min(min(wheels, zero) - margin, last + travel)
-            angle = min(max(angle, low), high)
-        elif self._controller.runs and self._deviates:
-            angle = max(min(angle, max(last, zero)), min(last, zero))
-        elif not self._controller.runs and self._deviates and self._waits(kept, last):
+        parameters, real, angle = self.parameters, self._controller.real, self._controller.angle
+        kept, zero = real(measured) - self._offset, real(0.0)
+        if self._controller.runs:
+            if self._deviates or self._is_stuck:
+                angle = max(min(angle, max(last, zero)), min(last, zero))
+        elif self._deviates and self._waits(kept, last):
             moved, bound = abs(real(self._measured or 0.0) - self._offset) - abs(kept), abs(self._start_angle)
             has_moved = moved > real(parameters.actuator_share) * real(parameters.actuator_error_max)
             angle = min(max(kept, -bound), bound) if has_moved and bound > abs(last) else last
@@ -266,7 +264,10 @@ class SecondTask:
 
     def _is_inhibited_for_good(self, conditions: _Input) -> bool:
         is_inhibited = conditions.contents is not None and conditions.contents.inhibit
-        self._inhibited = min(self._inhibited, self.parameters.inhibit_samples_max) + 1 if is_inhibited else 0
+        if not is_inhibited:
+            self._inhibited = 0
+        elif conditions.is_usable:
+            self._inhibited = min(self._inhibited, self.parameters.inhibit_samples_max) + 1
         return bool(self._inhibited > self.parameters.inhibit_samples_max)
 
     def _rest(self) -> Command:
@@ -323,11 +324,12 @@ class SecondTask:
             self._place(rear_angle)
         return started
 
-    def _of_controller(self, is_good: bool) -> int:
+    def _of_controller(self, is_good: bool, status: Status) -> int:
+        """Return the bits of replaced signals. Without control, none is judged before the first step."""
         controller, found = self._controller, 0
         if is_good and controller.quality is Quality.MISSING:
             found |= _BITS["UNAVAILABLE"]
-        for name in ("speed", "front_angle", "yaw_rate"):
-            if not getattr(controller.inputs, name).is_measured:
-                found |= _BITS[f"{name.upper()}_REPLACED"]
+        replaced = [name for name in INPUTS if not getattr(controller.inputs, name).is_measured]
+        if status is not Status.STANDBY or len(replaced) < len(INPUTS):
+            found |= sum(_BITS[f"{name.upper()}_REPLACED"] for name in replaced)
         return found

@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0xD9EDA16Au
+#define ARS_CAN_BUILD 0x50874DB5u
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0xD9EDA16Au
+#define ARS_LIMITER_BUILD 0x50874DB5u
 
 enum { ARS_LIMITER_POINTS = 6 };
 

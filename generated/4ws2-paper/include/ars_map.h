@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0xD9EDA16Au
+#define ARS_MAP_BUILD 0x50874DB5u
 
 /* Numbers of breakpoints. */
 enum {

@@ -27,7 +27,7 @@
 
 #include "ars_controller.h"
 
-#if ARS_CONTROLLER_BUILD != 0xD9EDA16Au
+#if ARS_CONTROLLER_BUILD != 0x50874DB5u
 #error "ars_controller.h and this source come from different builds"
 #endif
 
@@ -35,7 +35,7 @@
 extern "C" {
 #endif
 
-#define ARS_SUPERVISION_BUILD 0xD9EDA16Au
+#define ARS_SUPERVISION_BUILD 0x50874DB5u
 
 /* State of the supervision. */
 typedef enum {
@@ -52,8 +52,8 @@ typedef enum {
 /* Cause of a sample. If there are several, the first one of this list counts. */
 typedef enum {
     ARS_CAUSE_ANGLE_UNKNOWN = 0,      /* no rear angle to start from, at the start or after a silence */
-    ARS_CAUSE_SAMPLE_LOST = 1,        /* front angle and yaw rate are lost or rejected */
-    ARS_CAUSE_STANDBY = 2,            /* there was no speed yet, or the car has set Inhibit for good; with kind `pi`, also below its enabling speed */
+    ARS_CAUSE_STANDBY = 1,            /* there was no speed yet, or the car has set Inhibit for good; with kind `pi`, also below its enabling speed */
+    ARS_CAUSE_SAMPLE_LOST = 2,        /* front angle and yaw rate are lost or rejected */
     ARS_CAUSE_SAMPLE_MISSING = 3,     /* a signal is missing, for a tolerated time so far */
     ARS_CAUSE_SIGNAL_REPLACED = 4,    /* a signal is rejected and computed from the others */
     ARS_CAUSE_ACTUATOR_STUCK = 5,     /* the rear angle does not follow the command */

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CAN_BUILD != 0xD9EDA16Au
+#if ARS_CAN_BUILD != 0x50874DB5u
 #error "ars_can.h and this source come from different builds"
 #endif
 

@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0xD9EDA16Au
+#if ARS_CHECKSUM_BUILD != 0x50874DB5u
 #error "ars_checksum.h and this source come from different builds"
 #endif
 

@@ -9,10 +9,10 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_LAW_BUILD != 0xD9EDA16Au
+#if ARS_LAW_BUILD != 0x50874DB5u
 #error "ars_law.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0xD9EDA16Au
+#if ARS_MAP_BUILD != 0x50874DB5u
 #error "ars_map.h and this source come from different builds"
 #endif
 

@@ -8,15 +8,15 @@
 
 #include "ars_sections.h"
 
-#if ARS_SUPERVISION_BUILD != 0xD9EDA16Au
+#if ARS_SUPERVISION_BUILD != 0x50874DB5u
 #error "ars_supervision.h and this source come from different builds"
 #endif
 
 /* Next state for each cause, from every state that ars_supervision_step() does not name. */
 ARS_SECTION_CONST static const ars_supervision_state_t next_state[11] = {
     ARS_SUPERVISION_RESYNCHRONISE, /* ANGLE_UNKNOWN */
-    ARS_SUPERVISION_LOST, /* SAMPLE_LOST */
     ARS_SUPERVISION_STANDBY, /* STANDBY */
+    ARS_SUPERVISION_LOST, /* SAMPLE_LOST */
     ARS_SUPERVISION_PREDICTED, /* SAMPLE_MISSING */
     ARS_SUPERVISION_DEGRADED, /* SIGNAL_REPLACED */
     ARS_SUPERVISION_DEGRADED, /* ACTUATOR_STUCK */

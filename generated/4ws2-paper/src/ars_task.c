@@ -8,19 +8,19 @@
 
 #include "ars_sections.h"
 
-#if ARS_CAN_BUILD != 0xD9EDA16Au
+#if ARS_CAN_BUILD != 0x50874DB5u
 #error "ars_can.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0xD9EDA16Au
+#if ARS_CONTROLLER_BUILD != 0x50874DB5u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_E2E_BUILD != 0xD9EDA16Au
+#if ARS_E2E_BUILD != 0x50874DB5u
 #error "ars_e2e.h and this source come from different builds"
 #endif
-#if ARS_SUPERVISION_BUILD != 0xD9EDA16Au
+#if ARS_SUPERVISION_BUILD != 0x50874DB5u
 #error "ars_supervision.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0xD9EDA16Au
+#if ARS_TASK_BUILD != 0x50874DB5u
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -188,6 +188,7 @@ ARS_SECTION_CODE void ars_task_init(ars_task_t *self, const ars_parameters_t *pa
     self->backlog = 0u;
     self->disturbance = 0u;
     self->actuator_samples = 0u;
+    self->is_stuck = false;
     self->inhibited_samples = 0u;
     self->expected_angle = 0.0f;
     self->measured_angle = 0.0f;
@@ -303,7 +304,8 @@ ARS_SECTION_CODE static void start_from(ars_task_t *self, float rear_angle)
 
 /* Check that the measured rear angle follows the previous commands with the lag of the actuator. The tolerance grows by twice the
  * remaining angle, which covers twice the nominal lag and two samples of delay. An angle that is not measured (NaN) counts as no
- * difference. The count rises only under control.
+ * difference. The count rises only under control. A stuck actuator must follow for as many samples in a row: its angle and that of the
+ * command cross again and again.
  *
  * When control ends, the return to zero starts from the measured angle if it is the expected one. If it is not, sensor, actuator or bus
  * is at fault: the difference is taken off, so that a wrong sensor cannot turn the wheels. was_valid: the conditions, in the call
@@ -326,19 +328,25 @@ ARS_SECTION_CODE static uint32_t check_actuator(ars_task_t *self, bool is_measur
     if (is_measured && self->released && self->deviates) {
         self->angle_offset = angle_error;
         self->deviates = false;
-    } else if (is_measured && (self->released || (self->deviates && !was_valid)) && (samples <= parameters->actuator_samples_max)) {
+    } else if (is_measured && (self->released || (self->deviates && !was_valid)) && !self->is_stuck) {
         start_from(self, self->conditions.rear_angle);
     } else if (self->deviates) {
-        if (self->controller.enabled && (samples <= parameters->actuator_samples_max)) {
+        if (self->is_stuck) {
+            samples = parameters->actuator_samples_max;
+        } else if (self->controller.enabled) {
             samples++;
+            self->is_stuck = samples > parameters->actuator_samples_max;
+        } else {
+            /* without control */
         }
     } else if (self->conditions_input.usable && (samples > 0u)) {
         samples--;
+        self->is_stuck = self->is_stuck && (samples > 0u);
     } else {
         /* the actuator follows, or the angle is not received */
     }
     self->actuator_samples = (uint16_t)samples;
-    return (samples > parameters->actuator_samples_max) ? (uint32_t)ARS_DIAGNOSTICS_ACTUATOR_STUCK : 0u;
+    return self->is_stuck ? (uint32_t)ARS_DIAGNOSTICS_ACTUATOR_STUCK : 0u;
 }
 
 /* Return whether the rear angle is unknown: until the start, and from the first new data after a silence in which the controller entered
@@ -424,49 +432,20 @@ ARS_SECTION_CODE static ars_supervision_cause_t cause_of_sample(
     return found;
 }
 
-/* Return whether the car has set Inhibit for so long that it is not for a manoeuvre. */
+/* Return whether the car has set Inhibit for so long that it is not for a manoeuvre. Only received conditions count. */
 ARS_SECTION_CODE static bool is_inhibited_for_good(ars_task_t *self)
 {
     if (!self->conditions.inhibit) {
         self->inhibited_samples = 0u;
-    } else if (self->inhibited_samples <= self->parameters->inhibit_samples_max) {
+    } else if (self->conditions_input.usable && (self->inhibited_samples <= self->parameters->inhibit_samples_max)) {
         self->inhibited_samples++;
     } else {
-        /* long enough */
+        /* long enough, or not known */
     }
     return self->inhibited_samples > self->parameters->inhibit_samples_max;
 }
 
-/* Command for a stuck actuator. At the rate of the fail-safe it returns to where it is no farther out than the wheels, with a margin in
- * which they still differ from it. It is never farther out than the law's: a wrong measurement must not turn the wheels. last: command
- * before. */
-ARS_SECTION_CODE static float command_for_stuck(const ars_task_t *self, float rear_angle, float last)
-{
-    const ars_parameters_t *parameters = self->parameters;
-    const float measured = self->conditions.rear_angle;
-    const float margin = parameters->actuator_error_max + parameters->actuator_error_max;
-    const float step_max = parameters->limiter.rear_rate_max * 0.01f;
-    const float fail_safe_step = parameters->fail_safe_rate * 0.01f;
-    const float step = (fail_safe_step < step_max) ? fail_safe_step : step_max;
-    float result;
-
-    if (rear_angle > 0.0f) {
-        const float outer = ((measured > 0.0f) ? measured : 0.0f) + margin;
-        const float returned = last - step;
-        const float largest = (returned > outer) ? returned : outer;
-
-        result = (rear_angle > largest) ? largest : rear_angle;
-    } else {
-        const float outer = ((measured < 0.0f) ? measured : 0.0f) - margin;
-        const float returned = last + step;
-        const float least = (returned < outer) ? returned : outer;
-
-        result = (rear_angle < least) ? least : rear_angle;
-    }
-    return result;
-}
-
-/* Command for wheels that do not follow, for too short a time to call the actuator stuck: no farther out than before. */
+/* Command for wheels that do not follow: no farther out than before, so that they find it near when they do. */
 ARS_SECTION_CODE static float no_farther_out(float rear_angle, float last)
 {
     float result = rear_angle;
@@ -508,13 +487,12 @@ ARS_SECTION_CODE static float wait_for_wheels(
 ARS_SECTION_CODE static void stay_near_wheels(
     ars_task_t *self, ars_command_t *command, float last, float measured_before)
 {
-    const bool is_stuck = self->actuator_samples > self->parameters->actuator_samples_max;
     float rear_angle = command->rear_angle;
 
-    if (self->controller.enabled && is_stuck) {
-        rear_angle = command_for_stuck(self, rear_angle, last);
-    } else if (self->deviates && self->controller.enabled) {
-        rear_angle = no_farther_out(rear_angle, last);
+    if (self->controller.enabled) {
+        if (self->deviates || self->is_stuck) {
+            rear_angle = no_farther_out(rear_angle, last);
+        }
     } else if (self->deviates && (self->waited_samples < wait_samples_max)) {
         rear_angle = wait_for_wheels(self, rear_angle, last, measured_before);
     } else {
@@ -591,6 +569,10 @@ ARS_SECTION_CODE static uint32_t causes_of_controller(const ars_task_t *self, bo
 
     if (is_good && (self->controller.quality == ARS_QUALITY_MISSING)) {
         causes |= (uint32_t)ARS_DIAGNOSTICS_UNAVAILABLE;
+    }
+    if ((self->controller.status == ARS_STATUS_STANDBY) && (inputs->speed.source == ARS_SIGNAL_LOST)
+        && (inputs->front_angle.source == ARS_SIGNAL_LOST) && (inputs->yaw_rate.source == ARS_SIGNAL_LOST)) {
+        return causes; /* none is judged before the first step */
     }
     if (inputs->speed.source != ARS_SIGNAL_MEASURED) {
         causes |= (uint32_t)ARS_DIAGNOSTICS_SPEED_REPLACED;

@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0x488E1D0Bu
+#define ARS_DYNAMICS_BUILD 0xFA5D4C30u
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

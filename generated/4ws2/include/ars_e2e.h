@@ -26,7 +26,7 @@
 extern "C" {
 #endif
 
-#define ARS_E2E_BUILD 0x488E1D0Bu
+#define ARS_E2E_BUILD 0xFA5D4C30u
 
 /* Result of a check. The data are used only with OK, INITIAL and OK_SOME_LOST. */
 typedef enum {

@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x488E1D0Bu
+#define ARS_LIMITER_BUILD 0xFA5D4C30u
 
 enum { ARS_LIMITER_POINTS = 6 };
 

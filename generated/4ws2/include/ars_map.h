@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x488E1D0Bu
+#define ARS_MAP_BUILD 0xFA5D4C30u
 
 /* Numbers of breakpoints. */
 enum {

@@ -28,16 +28,16 @@
 #include "ars_e2e.h"
 #include "ars_supervision.h"
 
-#if ARS_CAN_BUILD != 0x488E1D0Bu
+#if ARS_CAN_BUILD != 0xFA5D4C30u
 #error "ars_can.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0x488E1D0Bu
+#if ARS_CONTROLLER_BUILD != 0xFA5D4C30u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_E2E_BUILD != 0x488E1D0Bu
+#if ARS_E2E_BUILD != 0xFA5D4C30u
 #error "ars_e2e.h and this source come from different builds"
 #endif
-#if ARS_SUPERVISION_BUILD != 0x488E1D0Bu
+#if ARS_SUPERVISION_BUILD != 0xFA5D4C30u
 #error "ars_supervision.h and this source come from different builds"
 #endif
 
@@ -45,7 +45,7 @@
 extern "C" {
 #endif
 
-#define ARS_TASK_BUILD 0x488E1D0Bu
+#define ARS_TASK_BUILD 0xFA5D4C30u
 
 /* Bits of the signal "Diagnostics": events since the previous call. Both messages MISSING: the task
  * ran early, or the bus is silent. */
@@ -90,6 +90,7 @@ typedef struct {
     uint8_t backlog;                            /* periods by which the calls are behind the sender */
     uint8_t disturbance;                        /* level of recent disturbances of the bus */
     uint16_t actuator_samples;                  /* in which the actuator did not follow, less those in which it did */
+    bool is_stuck;                              /* until it has followed for as many samples in a row */
     uint16_t inhibited_samples;                 /* consecutive ones with Inhibit */
     float expected_angle;                       /* rad, of an actuator that follows the command */
     float measured_angle;                       /* rad, last measured and plausible rear angle */

@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0x488E1D0Bu
+#if ARS_DYNAMICS_BUILD != 0xFA5D4C30u
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

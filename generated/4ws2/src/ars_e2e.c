@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_E2E_BUILD != 0x488E1D0Bu
+#if ARS_E2E_BUILD != 0xFA5D4C30u
 #error "ars_e2e.h and this source come from different builds"
 #endif
 

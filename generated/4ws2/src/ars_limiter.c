@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_LIMITER_BUILD != 0x488E1D0Bu
+#if ARS_LIMITER_BUILD != 0xFA5D4C30u
 #error "ars_limiter.h and this source come from different builds"
 #endif
 

@@ -19,10 +19,10 @@
 #include "ars_map.h"
 #include "ars_task.h"
 
-#if ARS_MAP_BUILD != 0x488E1D0Bu
+#if ARS_MAP_BUILD != 0xFA5D4C30u
 #error "ars_map.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0x488E1D0Bu
+#if ARS_TASK_BUILD != 0xFA5D4C30u
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -334,8 +334,8 @@ static inline bool ars_task_holds(const ars_task_t *value)
         && ((value->conditions.lateral_acceleration != value->conditions.lateral_acceleration) || lies_between(value->conditions.lateral_acceleration, -32.768f, 32.768f))
         && (value->counter <= 14u)
         && ((value->backlog <= 80u) && (value->disturbance <= 80u))
-        && (value->actuator_samples <= 60001u)
         && (value->inhibited_samples <= 60001u)
+        && (value->actuator_samples <= (60000u + (value->is_stuck ? 1u : 0u)))
         && lies_within(value->expected_angle, 0.7853982f)
         && lies_within(value->measured_angle, 0.7853982f)
         && lies_within(value->start_angle, 0.061086524f)
@@ -348,7 +348,8 @@ static inline bool ars_task_holds(const ars_task_t *value)
         && is_flag(value->conditions_close)
         && is_flag(value->has_measured)
         && is_flag(value->deviates)
-        && is_flag(value->released);
+        && is_flag(value->released)
+        && is_flag(value->is_stuck);
     return holds;
 }
 
@@ -1145,8 +1146,8 @@ static inline void ars_supervision_step_ensures(const ars_supervision_t *self, a
     (void)self_before;
     CONTRACT_ENSURE(ars_supervision_holds(self), "self is within its invariant");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_START) && (cause == ARS_CAUSE_ANGLE_UNKNOWN)) || (self->state == ARS_SUPERVISION_START), "from START, ANGLE_UNKNOWN leads to START");
-    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_START) && (cause == ARS_CAUSE_SAMPLE_LOST)) || (self->state == ARS_SUPERVISION_LOST), "from START, SAMPLE_LOST leads to LOST");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_START) && (cause == ARS_CAUSE_STANDBY)) || (self->state == ARS_SUPERVISION_STANDBY), "from START, STANDBY leads to STANDBY");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_START) && (cause == ARS_CAUSE_SAMPLE_LOST)) || (self->state == ARS_SUPERVISION_LOST), "from START, SAMPLE_LOST leads to LOST");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_START) && (cause == ARS_CAUSE_SAMPLE_MISSING)) || (self->state == ARS_SUPERVISION_PREDICTED), "from START, SAMPLE_MISSING leads to PREDICTED");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_START) && (cause == ARS_CAUSE_SIGNAL_REPLACED)) || (self->state == ARS_SUPERVISION_DEGRADED), "from START, SIGNAL_REPLACED leads to DEGRADED");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_START) && (cause == ARS_CAUSE_ACTUATOR_STUCK)) || (self->state == ARS_SUPERVISION_DEGRADED), "from START, ACTUATOR_STUCK leads to DEGRADED");
@@ -1156,8 +1157,8 @@ static inline void ars_supervision_step_ensures(const ars_supervision_t *self, a
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_START) && (cause == ARS_CAUSE_INHIBIT)) || (self->state == ARS_SUPERVISION_INHIBITED), "from START, INHIBIT leads to INHIBITED");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_START) && (cause == ARS_CAUSE_NONE)) || (self->state == ARS_SUPERVISION_RUN), "from START, NONE leads to RUN");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_RUN) && (cause == ARS_CAUSE_ANGLE_UNKNOWN)) || (self->state == ARS_SUPERVISION_RESYNCHRONISE), "from RUN, ANGLE_UNKNOWN leads to RESYNCHRONISE");
-    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_RUN) && (cause == ARS_CAUSE_SAMPLE_LOST)) || (self->state == ARS_SUPERVISION_LOST), "from RUN, SAMPLE_LOST leads to LOST");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_RUN) && (cause == ARS_CAUSE_STANDBY)) || (self->state == ARS_SUPERVISION_STANDBY), "from RUN, STANDBY leads to STANDBY");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_RUN) && (cause == ARS_CAUSE_SAMPLE_LOST)) || (self->state == ARS_SUPERVISION_LOST), "from RUN, SAMPLE_LOST leads to LOST");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_RUN) && (cause == ARS_CAUSE_SAMPLE_MISSING)) || (self->state == ARS_SUPERVISION_PREDICTED), "from RUN, SAMPLE_MISSING leads to PREDICTED");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_RUN) && (cause == ARS_CAUSE_SIGNAL_REPLACED)) || (self->state == ARS_SUPERVISION_DEGRADED), "from RUN, SIGNAL_REPLACED leads to DEGRADED");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_RUN) && (cause == ARS_CAUSE_ACTUATOR_STUCK)) || (self->state == ARS_SUPERVISION_DEGRADED), "from RUN, ACTUATOR_STUCK leads to DEGRADED");
@@ -1167,8 +1168,8 @@ static inline void ars_supervision_step_ensures(const ars_supervision_t *self, a
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_RUN) && (cause == ARS_CAUSE_INHIBIT)) || (self->state == ARS_SUPERVISION_INHIBITED), "from RUN, INHIBIT leads to INHIBITED");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_RUN) && (cause == ARS_CAUSE_NONE)) || (self->state == ARS_SUPERVISION_RUN), "from RUN, NONE leads to RUN");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_PREDICTED) && (cause == ARS_CAUSE_ANGLE_UNKNOWN)) || (self->state == ARS_SUPERVISION_RESYNCHRONISE), "from PREDICTED, ANGLE_UNKNOWN leads to RESYNCHRONISE");
-    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_PREDICTED) && (cause == ARS_CAUSE_SAMPLE_LOST)) || (self->state == ARS_SUPERVISION_LOST), "from PREDICTED, SAMPLE_LOST leads to LOST");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_PREDICTED) && (cause == ARS_CAUSE_STANDBY)) || (self->state == ARS_SUPERVISION_STANDBY), "from PREDICTED, STANDBY leads to STANDBY");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_PREDICTED) && (cause == ARS_CAUSE_SAMPLE_LOST)) || (self->state == ARS_SUPERVISION_LOST), "from PREDICTED, SAMPLE_LOST leads to LOST");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_PREDICTED) && (cause == ARS_CAUSE_SAMPLE_MISSING)) || (self->state == ARS_SUPERVISION_PREDICTED), "from PREDICTED, SAMPLE_MISSING leads to PREDICTED");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_PREDICTED) && (cause == ARS_CAUSE_SIGNAL_REPLACED)) || (self->state == ARS_SUPERVISION_DEGRADED), "from PREDICTED, SIGNAL_REPLACED leads to DEGRADED");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_PREDICTED) && (cause == ARS_CAUSE_ACTUATOR_STUCK)) || (self->state == ARS_SUPERVISION_DEGRADED), "from PREDICTED, ACTUATOR_STUCK leads to DEGRADED");
@@ -1178,8 +1179,8 @@ static inline void ars_supervision_step_ensures(const ars_supervision_t *self, a
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_PREDICTED) && (cause == ARS_CAUSE_INHIBIT)) || (self->state == ARS_SUPERVISION_INHIBITED), "from PREDICTED, INHIBIT leads to INHIBITED");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_PREDICTED) && (cause == ARS_CAUSE_NONE)) || (self->state == ARS_SUPERVISION_RUN), "from PREDICTED, NONE leads to RUN");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_DEGRADED) && (cause == ARS_CAUSE_ANGLE_UNKNOWN)) || (self->state == ARS_SUPERVISION_RESYNCHRONISE), "from DEGRADED, ANGLE_UNKNOWN leads to RESYNCHRONISE");
-    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_DEGRADED) && (cause == ARS_CAUSE_SAMPLE_LOST)) || (self->state == ARS_SUPERVISION_LOST), "from DEGRADED, SAMPLE_LOST leads to LOST");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_DEGRADED) && (cause == ARS_CAUSE_STANDBY)) || (self->state == ARS_SUPERVISION_STANDBY), "from DEGRADED, STANDBY leads to STANDBY");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_DEGRADED) && (cause == ARS_CAUSE_SAMPLE_LOST)) || (self->state == ARS_SUPERVISION_LOST), "from DEGRADED, SAMPLE_LOST leads to LOST");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_DEGRADED) && (cause == ARS_CAUSE_SAMPLE_MISSING)) || (self->state == ARS_SUPERVISION_PREDICTED), "from DEGRADED, SAMPLE_MISSING leads to PREDICTED");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_DEGRADED) && (cause == ARS_CAUSE_SIGNAL_REPLACED)) || (self->state == ARS_SUPERVISION_DEGRADED), "from DEGRADED, SIGNAL_REPLACED leads to DEGRADED");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_DEGRADED) && (cause == ARS_CAUSE_ACTUATOR_STUCK)) || (self->state == ARS_SUPERVISION_DEGRADED), "from DEGRADED, ACTUATOR_STUCK leads to DEGRADED");
@@ -1189,8 +1190,8 @@ static inline void ars_supervision_step_ensures(const ars_supervision_t *self, a
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_DEGRADED) && (cause == ARS_CAUSE_INHIBIT)) || (self->state == ARS_SUPERVISION_INHIBITED), "from DEGRADED, INHIBIT leads to INHIBITED");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_DEGRADED) && (cause == ARS_CAUSE_NONE)) || (self->state == ARS_SUPERVISION_RUN), "from DEGRADED, NONE leads to RUN");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_LOST) && (cause == ARS_CAUSE_ANGLE_UNKNOWN)) || (self->state == ARS_SUPERVISION_RESYNCHRONISE), "from LOST, ANGLE_UNKNOWN leads to RESYNCHRONISE");
-    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_LOST) && (cause == ARS_CAUSE_SAMPLE_LOST)) || (self->state == ARS_SUPERVISION_LOST), "from LOST, SAMPLE_LOST leads to LOST");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_LOST) && (cause == ARS_CAUSE_STANDBY)) || (self->state == ARS_SUPERVISION_STANDBY), "from LOST, STANDBY leads to STANDBY");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_LOST) && (cause == ARS_CAUSE_SAMPLE_LOST)) || (self->state == ARS_SUPERVISION_LOST), "from LOST, SAMPLE_LOST leads to LOST");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_LOST) && (cause == ARS_CAUSE_SAMPLE_MISSING)) || (self->state == ARS_SUPERVISION_PREDICTED), "from LOST, SAMPLE_MISSING leads to PREDICTED");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_LOST) && (cause == ARS_CAUSE_SIGNAL_REPLACED)) || (self->state == ARS_SUPERVISION_DEGRADED), "from LOST, SIGNAL_REPLACED leads to DEGRADED");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_LOST) && (cause == ARS_CAUSE_ACTUATOR_STUCK)) || (self->state == ARS_SUPERVISION_DEGRADED), "from LOST, ACTUATOR_STUCK leads to DEGRADED");
@@ -1200,8 +1201,8 @@ static inline void ars_supervision_step_ensures(const ars_supervision_t *self, a
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_LOST) && (cause == ARS_CAUSE_INHIBIT)) || (self->state == ARS_SUPERVISION_INHIBITED), "from LOST, INHIBIT leads to INHIBITED");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_LOST) && (cause == ARS_CAUSE_NONE)) || (self->state == ARS_SUPERVISION_RUN), "from LOST, NONE leads to RUN");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_RESYNCHRONISE) && (cause == ARS_CAUSE_ANGLE_UNKNOWN)) || (self->state == ARS_SUPERVISION_RESYNCHRONISE), "from RESYNCHRONISE, ANGLE_UNKNOWN leads to RESYNCHRONISE");
-    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_RESYNCHRONISE) && (cause == ARS_CAUSE_SAMPLE_LOST)) || (self->state == ARS_SUPERVISION_LOST), "from RESYNCHRONISE, SAMPLE_LOST leads to LOST");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_RESYNCHRONISE) && (cause == ARS_CAUSE_STANDBY)) || (self->state == ARS_SUPERVISION_STANDBY), "from RESYNCHRONISE, STANDBY leads to STANDBY");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_RESYNCHRONISE) && (cause == ARS_CAUSE_SAMPLE_LOST)) || (self->state == ARS_SUPERVISION_LOST), "from RESYNCHRONISE, SAMPLE_LOST leads to LOST");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_RESYNCHRONISE) && (cause == ARS_CAUSE_SAMPLE_MISSING)) || (self->state == ARS_SUPERVISION_PREDICTED), "from RESYNCHRONISE, SAMPLE_MISSING leads to PREDICTED");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_RESYNCHRONISE) && (cause == ARS_CAUSE_SIGNAL_REPLACED)) || (self->state == ARS_SUPERVISION_DEGRADED), "from RESYNCHRONISE, SIGNAL_REPLACED leads to DEGRADED");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_RESYNCHRONISE) && (cause == ARS_CAUSE_ACTUATOR_STUCK)) || (self->state == ARS_SUPERVISION_DEGRADED), "from RESYNCHRONISE, ACTUATOR_STUCK leads to DEGRADED");
@@ -1211,8 +1212,8 @@ static inline void ars_supervision_step_ensures(const ars_supervision_t *self, a
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_RESYNCHRONISE) && (cause == ARS_CAUSE_INHIBIT)) || (self->state == ARS_SUPERVISION_INHIBITED), "from RESYNCHRONISE, INHIBIT leads to INHIBITED");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_RESYNCHRONISE) && (cause == ARS_CAUSE_NONE)) || (self->state == ARS_SUPERVISION_RUN), "from RESYNCHRONISE, NONE leads to RUN");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_STANDBY) && (cause == ARS_CAUSE_ANGLE_UNKNOWN)) || (self->state == ARS_SUPERVISION_RESYNCHRONISE), "from STANDBY, ANGLE_UNKNOWN leads to RESYNCHRONISE");
-    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_STANDBY) && (cause == ARS_CAUSE_SAMPLE_LOST)) || (self->state == ARS_SUPERVISION_LOST), "from STANDBY, SAMPLE_LOST leads to LOST");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_STANDBY) && (cause == ARS_CAUSE_STANDBY)) || (self->state == ARS_SUPERVISION_STANDBY), "from STANDBY, STANDBY leads to STANDBY");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_STANDBY) && (cause == ARS_CAUSE_SAMPLE_LOST)) || (self->state == ARS_SUPERVISION_LOST), "from STANDBY, SAMPLE_LOST leads to LOST");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_STANDBY) && (cause == ARS_CAUSE_SAMPLE_MISSING)) || (self->state == ARS_SUPERVISION_PREDICTED), "from STANDBY, SAMPLE_MISSING leads to PREDICTED");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_STANDBY) && (cause == ARS_CAUSE_SIGNAL_REPLACED)) || (self->state == ARS_SUPERVISION_DEGRADED), "from STANDBY, SIGNAL_REPLACED leads to DEGRADED");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_STANDBY) && (cause == ARS_CAUSE_ACTUATOR_STUCK)) || (self->state == ARS_SUPERVISION_DEGRADED), "from STANDBY, ACTUATOR_STUCK leads to DEGRADED");
@@ -1222,8 +1223,8 @@ static inline void ars_supervision_step_ensures(const ars_supervision_t *self, a
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_STANDBY) && (cause == ARS_CAUSE_INHIBIT)) || (self->state == ARS_SUPERVISION_INHIBITED), "from STANDBY, INHIBIT leads to INHIBITED");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_STANDBY) && (cause == ARS_CAUSE_NONE)) || (self->state == ARS_SUPERVISION_RUN), "from STANDBY, NONE leads to RUN");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_INHIBITED) && (cause == ARS_CAUSE_ANGLE_UNKNOWN)) || (self->state == ARS_SUPERVISION_RESYNCHRONISE), "from INHIBITED, ANGLE_UNKNOWN leads to RESYNCHRONISE");
-    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_INHIBITED) && (cause == ARS_CAUSE_SAMPLE_LOST)) || (self->state == ARS_SUPERVISION_LOST), "from INHIBITED, SAMPLE_LOST leads to LOST");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_INHIBITED) && (cause == ARS_CAUSE_STANDBY)) || (self->state == ARS_SUPERVISION_STANDBY), "from INHIBITED, STANDBY leads to STANDBY");
+    CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_INHIBITED) && (cause == ARS_CAUSE_SAMPLE_LOST)) || (self->state == ARS_SUPERVISION_LOST), "from INHIBITED, SAMPLE_LOST leads to LOST");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_INHIBITED) && (cause == ARS_CAUSE_SAMPLE_MISSING)) || (self->state == ARS_SUPERVISION_PREDICTED), "from INHIBITED, SAMPLE_MISSING leads to PREDICTED");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_INHIBITED) && (cause == ARS_CAUSE_SIGNAL_REPLACED)) || (self->state == ARS_SUPERVISION_DEGRADED), "from INHIBITED, SIGNAL_REPLACED leads to DEGRADED");
     CONTRACT_ENSURE(!((self_before->state == ARS_SUPERVISION_INHIBITED) && (cause == ARS_CAUSE_ACTUATOR_STUCK)) || (self->state == ARS_SUPERVISION_DEGRADED), "from INHIBITED, ACTUATOR_STUCK leads to DEGRADED");

@@ -17,7 +17,7 @@
 #include "ars_dynamics.h"
 #include "ars_map.h"
 
-#if ARS_TASK_BUILD != 0x488E1D0Bu
+#if ARS_TASK_BUILD != 0xFA5D4C30u
 #error "ars_task.h and this source come from different builds"
 #endif
 
