@@ -65,7 +65,7 @@ class BenchResult:
     """Result of a run.
 
     Attributes:
-        record: (cycles, 12), columns RECORD_COLUMNS.
+        record: (cycles, columns), RECORD_COLUMNS.
         diagnostics: (cycles,) bits of the commands received in the cycle; 0 if none was received.
         response: (cycles,) s from sending to the command's arrival; NaN without a command in the cycle, or in simulated time.
         lateness: (cycles,) s that the cycle began after its deadline.
@@ -164,11 +164,11 @@ def run_in_lock_step(node: PlantNode, bus: Bus, *, log: BusLog | None = None, ob
     if node.injector.faults:
         raise CodegenError(
             "bus faults cannot be simulated in lock-step: without a complete set of frames, the task does not run",
-            where="--lock-step",
-            remedy="use --real-time",
+            where="`lock_step=True`",
+            remedy="use `lock_step=False`",
         )
     if node.is_free_running:
-        raise CodegenError("in lock-step there is one clock", where="--lock-step", remedy="use --real-time")
+        raise CodegenError("in lock-step there is one clock", where="`lock_step=True`", remedy="use `lock_step=False`")
     recorder = _Recorder(node, observe)
     _drain(bus)
     for cycle in range(node.cycles):
@@ -291,7 +291,7 @@ def _no_answer(bus: Bus, now: float) -> CodegenError:
 
 
 def run(software: Software, scenario: Scenario, *, controlled: bool = True) -> npt.NDArray[np.float64]:
-    """Return a recording (samples, 12) of a scenario, columns RECORD_COLUMNS; `controlled=False` is the passive car.
+    """Return a recording (samples, columns) of a scenario, RECORD_COLUMNS; `controlled=False` is the passive car.
 
     Raises:
         CodegenError: the scenario needs a bus (faults or two clocks) and the car is not passive.
@@ -313,7 +313,7 @@ def refuse_bus(scenario: Scenario) -> None:
         raise CodegenError(
             f"it has faults on the bus ({kinds}), and this run has no bus",
             where=f"scenario {scenario.name}",
-            remedy="run it with `codegen hil`, or with `codegen sil --can`",
+            remedy="run it on a bus (codegen hil), or with `through_can=True`",
         )
 
 

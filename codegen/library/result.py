@@ -4,11 +4,23 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from types import NoneType, UnionType
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    Literal,
+    TypeVar,
+    Union,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 from pydantic import ConfigDict, ValidationError, validate_call
 
@@ -62,8 +74,30 @@ def _wrong_argument(function: Callable[..., Any], error: ValidationError) -> Cod
         )
     if fault["type"].startswith("missing_argument"):
         return CodegenError(f"the argument {name!r} is missing", where=where, remedy=f"its arguments are {', '.join(known)}")
-    remedy = str(fault["msg"]).replace("Input should be", "give")
-    return CodegenError(f"{one_line(repr(fault['input']), 60)} is no {name}", where=where, remedy=remedy)
+    allowed = " or ".join(_allowed(get_type_hints(function, include_extras=True)[name]))
+    return CodegenError(f"{one_line(repr(fault['input']), 60)} is no {name}", where=where, remedy=f"give {allowed}")
+
+
+_WORDS = {bool: "True or False", int: "a whole number", float: "a number", str: "a text", Path: "a path"}
+_GENERIC = {Sequence: "a list", Mapping: "a dictionary", Callable: "a function"}
+
+
+def _allowed(annotation: Any) -> list[str]:
+    """Return the kinds of values that an annotation allows, in words."""
+    kind, parts = get_origin(annotation), get_args(annotation)
+    if kind is Annotated:
+        low, high = (getattr(parts[1], name, None) for name in ("ge", "le"))
+        return [
+            f"{each} {f'of {low:g} or more' if high is None else f'from {low:g} to {high:g}'}" for each in _allowed(parts[0])
+        ]
+    if kind in (Union, UnionType):
+        inner = [each for each in parts if each is not NoneType and not (each is str and Path in parts)]
+        return list(dict.fromkeys(word for each in inner for word in _allowed(each)))
+    if kind is Literal:
+        return [repr(each) for each in parts]
+    if kind is Sequence:
+        return ["a list of " + " or ".join(f"{each.removeprefix('a ')}s" for each in _allowed(parts[0]))]
+    return [_GENERIC.get(kind) or _WORDS.get(annotation) or f"a {annotation.__name__}"]
 
 
 class Result:
@@ -116,39 +150,44 @@ def drawn(figure: Figure, path: PathLike | None) -> Figure:
 
 
 class Work:
-    """Progress of a function in `stages` parts of about equal length.
+    """Progress of a function in stages of about equal length.
 
     The command line shows each stage with its title; any other callback gets the share of the whole.
     """
 
-    def __init__(self, progress: Progress | None, stages: int = 1) -> None:
-        self._progress, self._stages, self._done, self._share = progress, stages, 0, 0.0
+    def __init__(self, progress: Progress | None, *names: str) -> None:
+        """Name the stages, in their order; without names there is one, of any name."""
+        self._progress, self._names, self._begun, self._share = progress, names, -1, 0.0
         self._is_shown = progress is console.shown
 
     @contextmanager
-    def stage(self, title: str) -> Iterator[console.Tell]:
-        """Begin a stage, which reports its steps."""
+    def stage(self, name: str, title: str = "") -> Iterator[console.Tell]:
+        """Begin a stage, which reports its steps. Raises ValueError: it is not one of the names that are left."""
+        self._begin(name)
         if self._is_shown:
-            with console.progress(title) as tell:
+            with console.progress(title or name) as tell:
                 yield tell
             return
         yield self._tell
-        self._end()
+        self._tell(1, 1)
 
     @contextmanager
-    def status(self, title: str) -> Iterator[None]:
-        """Begin a stage of unknown length."""
-        with console.status(title, quiet=not self._is_shown):
+    def status(self, name: str, title: str = "") -> Iterator[None]:
+        """Begin a stage of unknown length. Raises ValueError as `stage`."""
+        self._begin(name)
+        with console.status(title or name, quiet=not self._is_shown):
             yield
-        self._end()
+        self._tell(1, 1)
 
-    def _end(self) -> None:
-        self._done += 1
-        self._tell(0, 1)
+    def _begin(self, name: str) -> None:
+        names = self._names or (name,)
+        if name not in names[self._begun + 1 :]:
+            raise ValueError(f"{name!r} is not one of the stages that are left")
+        self._begun = names.index(name)
 
     def _tell(self, done: int, total: int, step: str = "") -> None:
         del step
-        share = min((self._done + min(done / max(total, 1), 1.0)) / self._stages, 1.0)
+        share = (self._begun + min(done / max(total, 1), 1.0)) / max(len(self._names), 1)
         if self._progress is not None and share > self._share:  # a stage may count several times
             self._share = share
             self._progress(share)

@@ -80,7 +80,7 @@ def open_folder(folder: Path, plan: Plan) -> set[int]:
             raise CodegenError("it holds other files", where=folder, remedy="name a new or an empty folder")
         write_atomically(folder / FACTS, text)
     elif there != text:
-        raise _other(there, plan, folder, "name another folder with -o, or remove this one")
+        raise _other(there, plan, folder, "name another folder, or remove this one")
     if (folder / RUNS).is_file():
         _check_finished(folder / RUNS, plan)
         shutil.rmtree(folder / PARTS, ignore_errors=True)
@@ -166,7 +166,7 @@ def _other(content: bytes, plan: Plan, folder: Path, remedy: str) -> CodegenErro
         return CodegenError(
             f"it was simulated with the instruction set {there['isa']}, not {plan.isa}, whose results differ by rounding",
             where=folder,
-            remedy=f"give --isa {there['isa']}, or name another folder with -o",
+            remedy=f"give `isa={there['isa']!r}`, or name another folder",
         )
     told = f"{', '.join(names) or 'something'} {'have' if len(names) > 1 else 'has'}"
     return CodegenError(f"it holds another campaign: {told} changed since", where=folder, remedy=remedy)
