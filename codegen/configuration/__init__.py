@@ -322,6 +322,10 @@ class Config(Section):
         for place, signal, largest in both_signs:
             yield place, signal, -largest, largest
         yield "vehicle_conditions.friction", can.vehicle_conditions.real("friction"), 0.0, inputs.friction_max
+        for role in ("lateral_acceleration", "longitudinal_acceleration"):
+            if role in can.vehicle_conditions.signals():
+                largest = getattr(inputs, f"{role}_max_m_s2")
+                yield f"vehicle_conditions.{role}", can.vehicle_conditions.real(role), -largest, largest
 
     def case(self, name: str, where: object = "") -> Case:
         """Return the case called `name`. Raises ConfigError, with the nearest name.

@@ -229,7 +229,7 @@ class Message(Section):
             ValueError: it has not.
         """
         if (self.data_ids is not None) != (profile.data_id_mode == "list"):
-            remedy = "remove it" if self.data_ids is not None else f"give {DATA_ID_COUNT} numbers from 0 to 255"
+            remedy = "remove them" if self.data_ids is not None else f"give {DATA_ID_COUNT} numbers from 0 to 255"
             raise ValueError(
                 f"{self.name} {'has' if self.data_ids is not None else 'needs'} data_ids with E2E {profile.title}; {remedy}"
             )
@@ -254,7 +254,7 @@ class Message(Section):
 
 def _needs(signal: Signal, length: int) -> None:
     if signal.length != length:
-        raise ValueError(f"{signal.name} needs {length} bits; it has {signal.length}")
+        raise ValueError(f"{signal.name} has {signal.length} bits and needs {length}; correct its length")
 
 
 def _nibble_name(default: str) -> Any:

@@ -10,7 +10,7 @@ from codegen.configuration.can import NODES, QUALIFIED, Can, Message, RealSignal
 from codegen.configuration.e2e_profiles import Profile
 from codegen.configuration.signals import PAYLOADS, SIGNALS, SignalDefinition
 from codegen.emit.e2e_view import E2eView
-from codegen.emit.render import decimal
+from codegen.emit.render import decimal, exact_decimal
 from codegen.emit.text import Precision, literal
 
 
@@ -174,7 +174,7 @@ class FrameSignal:
             return f'{place}+ (1,0) [0|{self.mask}] ""'
         limits = f"[{decimal(signal.physical_low)}|{decimal(signal.physical_high)}]"
         sign = "-" if signal.signed else "+"
-        return f'{place}{sign} ({decimal(signal.factor)},{decimal(signal.offset)}) {limits} "{self.definition.unit}"'
+        return f'{place}{sign} ({exact_decimal(signal.factor)},{exact_decimal(signal.offset)}) {limits} "{self.definition.unit}"'
 
     @property
     def dbc_values(self) -> str:
@@ -352,7 +352,7 @@ def can_view(config: Config, precision: Precision) -> CanView:
         reception_bits=len(_RECEPTION),
         task_period_ms=decimal(period_ms),
         cycle_time_is_whole=period_ms == round(period_ms),
-        baudrate=decimal(can.bitrate_kbit_s * 1e3),
+        baudrate=str(round(can.bitrate_kbit_s * 1e3)),
         **{name: getattr(can.e2e, name) for name in type(can.e2e).model_fields if name != "profile"},
         window_ms=decimal(period_ms * can.e2e.window_size),
         window_mask=f"0x{((1 << can.e2e.window_size) - 2) * 0x10001:08X}",
@@ -368,7 +368,7 @@ def can_view(config: Config, precision: Precision) -> CanView:
         nan_bits="0x7FC00000u" if precision == "single" else "0x7FF8000000000000u",
         e2e=e2e,
         frame_bytes=can.frame_bytes,
-        data_baudrate="" if can.data_bitrate_kbit_s is None else decimal(can.data_bitrate_kbit_s * 1e3),
+        data_baudrate="" if can.data_bitrate_kbit_s is None else str(round(can.data_bitrate_kbit_s * 1e3)),
         is_extended=can.extended_ids,
     )
 

@@ -62,6 +62,15 @@ def decimal(value: float) -> str:
     return np.format_float_positional(float(f"{value:.12g}"), trim="-")
 
 
+def exact_decimal(value: float) -> str:
+    """Return the shortest number without an exponent that reads back to the same bits: for factors, which others compute with.
+
+    >>> exact_decimal(5e-05), exact_decimal(0.0017453292519943296)
+    ('0.00005', '0.0017453292519943296')
+    """
+    return np.format_float_positional(value, trim="-")
+
+
 def unit(text: str, symbol: str) -> str:
     """Return a description after its unit, as in the comments of fields. The unit of a ratio is "".
 

@@ -15,13 +15,15 @@ from codegen.errors import BuildError
 Precision = Literal["single", "double"]
 
 _PREFIX = re.compile(r"[a-z][a-z0-9_]{0,30}\Z", re.ASCII)
-# Keywords of C and C++, and target names that CMake reserves: the name of the library is the prefix.
-_RESERVED_WORDS = """
+_KEYWORDS = """
 auto bool break case char class const continue default delete do double else enum extern float for goto if inline int long
 namespace new private public register restrict return short signed sizeof static struct switch template this typedef union
-unsigned virtual void volatile while all clean help install package test
+unsigned virtual void volatile while
 """
-_RESERVED = frozenset(_RESERVED_WORDS.split())
+KEYWORDS = frozenset(_KEYWORDS.split())
+"""Keywords of C and C++."""
+# With the target names that CMake reserves: the name of the library is the prefix.
+_RESERVED = KEYWORDS | {"all", "clean", "help", "install", "package", "test"}
 
 
 def c_type(precision: Precision) -> str:

@@ -179,6 +179,49 @@ def test_short_names_are_unique_where_names_in_the_dbc_are_not(tmp_path: Path) -
     }
 
 
+def test_names_that_c_reserves_or_that_differ_in_letter_case_are_changed(tmp_path: Path) -> None:
+    """Short names begin with a letter and are unique in any letter case (constr_2508), and members of structs are compiled."""
+    can: dict[str, Any] = {
+        "vehicle_motion": {"crc_name": "CRC", "speed": {"name": "double"}, "yaw_rate": {"name": "_r"}},
+        "vehicle_conditions": {"crc_name": "Crc", "friction": {"name": "NULL"}, "inhibit": {"name": "INTEGRAL_gain"}},
+        "rear_steer_command": {"status": {"name": "int"}},
+    }
+    config = builds.CONFIG.model_copy(update={"can": car({"can": can}).can})
+    write_folder(builds.render(builds.paper_map(), config), tmp_path / "build")
+    place = tmp_path / "autosar"
+    write_folder(export(tmp_path / "build").folder, place)
+    model, warnings = rte.load(place)
+    names = [name.casefold() for name in rte.named(model, "I-SIGNAL")]
+    assert (warnings, model.check_references(), sorted(names)) == ([], [], sorted(set(names)))
+    changed = {f"VehicleMotion_{name}" for name in ("CRC", "double", "_r")} | {"RearSteerCommand_int"}
+    changed |= {f"VehicleConditions_{name}" for name in ("Crc", "NULL", "INTEGRAL_gain")}
+    assert changed <= rte.named(model, "I-SIGNAL").keys()
+    (tmp_path / "Rte_Ars.h").write_text(rte.Rte(model).files()["rte/Rte_Ars.h"])
+    folders = [tmp_path / "build/include", place / "include", tmp_path]
+    assert compiled(place / "src/ars_swc.c", folders, tmp_path / "object.o")
+
+
+@pytest.mark.parametrize(
+    ("names", "protection", "words"),
+    [
+        (("_Motion", "Conditions"), "transformer", "/_Motion: it does not begin with a letter, which AUTOSAR does not allow"),
+        (("Ars_Parameters", "Conditions"), "transformer", "/Ars/Interfaces/Ars_Parameters: two elements are called"),
+        (("Event_TASK_LATE", "Conditions"), "task", "/Ars/Components/Ars/Event_TASK_LATE: two elements are called"),
+        (("Motion", "MOTION_Pdu"), "transformer", "two elements are called Motion_Pdu in any letter case"),
+        (("Motion", "Motion_Frame"), "task", "/Ars_System/Pdus/Motion_Frame: two elements"),
+    ],
+)
+def test_messages_with_the_name_of_another_element_are_rejected(
+    names: tuple[str, str], protection: str, words: str, refused: Refused, tmp_path: Path
+) -> None:
+    can = {role: {"name": name} for role, name in zip(("vehicle_motion", "vehicle_conditions"), names, strict=True)}
+    config = builds.CONFIG.model_copy(update={"can": car({"can": can}).can})
+    write_folder(builds.render(builds.paper_map(), config), tmp_path / "build")
+    line = refused("arxml", "--build", tmp_path / "build", "-o", tmp_path / "new", "--e2e", protection)
+    assert words in line and "; rename the message" in line
+    assert not (tmp_path / "new").exists()
+
+
 PLACE_OF_LIMITS = (
     "SW-DATA-DEF-PROPS-VARIANTS/SW-DATA-DEF-PROPS-CONDITIONAL/DATA-CONSTR-REF/@/DATA-CONSTR-RULES/DATA-CONSTR-RULE"
 )

@@ -18,7 +18,8 @@ from hil_sim.codec import PAYLOADS, Codec, Payload
 from tests import builds
 
 OTHER = {
-    # Motorola byte order, odd lengths, offsets of both signs, factors with a fractional inverse, other identifiers.
+    # Motorola byte order, odd lengths, offsets of both signs, factors with a fractional inverse or of all digits, other
+    # identifiers.
     "vehicle_motion": {
         "name": "Motion2",
         "id": 0x7FF,
@@ -42,7 +43,7 @@ OTHER = {
         "byte_order": "motorola",
         "status": {"name": "State", "start_bit": 14, "length": 3},
         "rear_angle": {"name": "DrCmd", "start_bit": 23, "length": 15, "factor": 7e-6},
-        "yaw_rate_reference": {"name": "RRef", "start_bit": 24, "length": 17, "factor": 6e-5, "offset": 1.0},
+        "yaw_rate_reference": {"name": "RRef", "start_bit": 24, "length": 17, "factor": math.radians(0.0035), "offset": 1.0},
         "diagnostics": {"name": "Causes", "start_bit": 55, "length": 16},
     },
 }

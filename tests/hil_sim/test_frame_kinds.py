@@ -73,6 +73,15 @@ def test_dbc_and_python_have_the_same_frames(name: str) -> None:
     assert [found[key] for key in ("Speed", "FrontAngle", "YawRate")] == pytest.approx([12.5, 0.05, -0.25])
 
 
+def test_bit_rates_of_all_descriptions_are_whole_numbers() -> None:
+    """Of bit/s: a DBC, an A2L and an ARXML have no others."""
+    can = car({"can": {"bitrate_kbit_s": 83.33333, "data_bitrate_kbit_s": 666.66667}}).can
+    files = builds.render(builds.paper_map(), builds.CONFIG.model_copy(update={"can": can})).files
+    attributes = cantools.database.load_string(files["ars.dbc"].decode()).dbc.attributes
+    assert (attributes["Baudrate"].value, attributes["BaudrateCANFD"].value) == (83_333, 666_667)
+    assert "BAUDRATE 83333\n" in files["ars.a2l"].decode()
+
+
 @pytest.mark.parametrize("name", KINDS)
 def test_receiver_and_supervision(name: str) -> None:
     frame_bytes, task = built(name).software.config.can.frame_bytes, built(name).software.task()

@@ -1,17 +1,49 @@
-"""Settings of the E2E protection that AUTOSAR does not allow for a transformer.
+"""Settings of the E2E protection that AUTOSAR does not allow for a transformer, and names that it does not allow.
 
-Source: System Template, constraints constr_3157, constr_3158, constr_3177 to constr_3181 and constr_3195.
+Sources: System Template, constraints constr_3157, constr_3158, constr_3177 to constr_3181 and constr_3195; Generic Structure
+Template, constr_2508.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
+from xml.etree import ElementTree
 
 from codegen.configuration.can import Can
 from codegen.errors import BuildError
 
 DATA_ID_MIN = 0x100
 """Smallest data id of variant 1C, whose frames carry its high byte."""
+
+OF_COM = ("I-SIGNAL", "I-SIGNAL-GROUP", "I-SIGNAL-I-PDU", "I-SIGNAL-I-PDU-GROUP")
+"""Kinds of elements that become containers of one configuration, that of COM."""
+
+_SHORT_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,127}\Z", re.ASCII)
+
+
+def check_names(model: ElementTree.Element) -> None:
+    """Check that each short name is valid and, in any letter case, the only one in its element and, for COM, in the model.
+
+    Only the name of a message and the prefix of the build can cause a fault.
+
+    Raises:
+        BuildError: a name is not.
+    """
+    used, waiting = set[str](), [(model, "")]
+    while waiting:
+        element, path = waiting.pop()
+        name, kind = element.findtext("{*}SHORT-NAME"), element.tag.rpartition("}")[2]
+        if name is not None:
+            path = f"{path}/{name}"
+            keys = {path.casefold()} | ({name.casefold()} if kind in OF_COM else set())
+            valid = _SHORT_NAME.match(name)
+            if used & keys or not valid:
+                what = f"two elements are called {name} in any letter case" if valid else "it does not begin with a letter"
+                remedy = "rename the message of that name in ars.toml, in [can], and build it again"
+                raise BuildError(f"{what}, which AUTOSAR does not allow", where=path, remedy=remedy)
+            used |= keys
+        waiting += [(child, path) for child in reversed(element)]
 
 
 def check_transformer(can: Can) -> None:

@@ -22,7 +22,7 @@ from codegen.emit.render import decimal, render
 from codegen.emit.take_over import TakeOver
 from codegen.emit.text import NONE, UNITS, c_type, comment_text, literal, numpy_type
 from codegen.errors import BuildError
-from codegen.export.arxml.constraints import check_transformer
+from codegen.export.arxml.constraints import check_names, check_transformer
 from codegen.export.arxml.view import (
     PLATFORM_TYPES,
     CalibrationView,
@@ -94,7 +94,8 @@ def export(build: Path, protection: Protection = "transformer", access: Access =
 
     Raises:
         BuildError: implicit access to the queues of the task; settings of E2E that AUTOSAR does not allow for a transformer;
-            not a build, one of another version, or one whose calibration was changed.
+            names of messages that AUTOSAR does not allow; not a build, one of another version, or one whose calibration was
+            changed.
     """
     if access == "implicit" and protection == "task":
         raise BuildError(
@@ -149,9 +150,10 @@ def _require_as_built(manifest: Mapping[str, Any], build: Path, edited: tuple[st
 
 
 def _indented(arxml: bytes) -> bytes:
-    """Return ARXML with one element in a line."""
+    """Return ARXML with one element in a line. Raises BuildError if its names are not valid."""
     head, start, body = arxml.decode("ascii").partition("<AUTOSAR ")
     root = ElementTree.fromstring(start + body)
+    check_names(root)
     ElementTree.indent(root)
     for prefix, uri in _NAMESPACES.items():
         ElementTree.register_namespace(prefix, uri)

@@ -20,13 +20,16 @@ from codegen.emit.a2l_view import OF_THE_ANGLE
 from codegen.emit.can_view import Cause, Frame, FrameSignal, HeaderField
 from codegen.emit.controller_view import parameters_by_path
 from codegen.emit.map_view import FRONT_ANGLE_TOP, SPEED_TOP, TABLE_RANGES
-from codegen.emit.render import decimal
-from codegen.emit.text import NONE, UNITS, Precision, Unit, literal, unit_of_comment
+from codegen.emit.render import exact_decimal
+from codegen.emit.text import KEYWORDS, NONE, UNITS, Precision, Unit, literal, unit_of_comment
 from codegen.errors import BuildError
 from codegen.map_file.tables import ACCELERATION, FRICTION
 
 UNIT_BY_SYMBOL = {unit.symbol: unit for unit in UNITS}
 NOT_AVAILABLE = "not available"
+
+RESERVED_WORDS = KEYWORDS | {"asm", "false", "true", "E_NOT_OK", "E_OK", "FALSE", "NULL", "TRUE"}
+"""Words that no member of a struct can have as its name in a file that includes the RTE."""
 
 PLATFORM_TYPES = {
     "uint8": (8, "NONE"),
@@ -184,21 +187,23 @@ def group_name(frame: Frame) -> str:
 def message_views(frames: Sequence[Frame], profile: Profile, taken: Iterable[str]) -> tuple[MessageView, ...]:
     """Return the views of the messages.
 
-    Generators of COM and types use short names without their packages, so they are unique over all messages: those of the DBC,
-    with the name of the message as a prefix if another message, its group or `taken` has the same.
+    Generators of COM and types use short names without their packages, so they are unique over all messages, in any letter case
+    (constr_2508): those of the DBC, with the name of the message as a prefix if another message, its group or `taken` has the
+    same, if C reserves it, or if it does not begin with a letter.
     """
     names = {frame.name: [*(each.name for each in frame.header), *(each.name for each in frame.signals)] for frame in frames}
-    count = Counter(itertools.chain.from_iterable(names.values()))
-    reserved, found = {*taken, *names, *map(group_name, frames)}, []
+    count = Counter(name.casefold() for name in itertools.chain.from_iterable(names.values()))
+    reserved, found = {each.casefold() for each in (*taken, *names, *map(group_name, frames))}, []
     used = reserved | count.keys()
     for frame in frames:
         short = {}
         for name in names[frame.name]:
             short[name] = name
-            if count[name] > 1 or name in reserved:
-                while short[name] in used:
+            is_taken = count[name.casefold()] > 1 or name.casefold() in reserved
+            if is_taken or name in RESERVED_WORDS or name.startswith("_"):
+                while short[name].casefold() in used:
                     short[name] = f"{frame.name}_{short[name]}"
-            used.add(short[name])
+            used.add(short[name].casefold())
         found.append(_message(frame, profile, short))
     return tuple(found)
 
@@ -228,8 +233,8 @@ def _signal(message: Message, signal: FrameSignal, name: str) -> SignalView:
             _platform_type(layout.length, layout.signed),
             (Scale(layout.raw_low, layout.raw_high), Scale(missing, missing, NOT_AVAILABLE, f"{name}_NotAvailable")),
             UNIT_BY_SYMBOL[definition.unit],
-            decimal(layout.factor),
-            decimal(layout.offset),
+            exact_decimal(layout.factor),
+            exact_decimal(layout.offset),
             signal.start_code,
             missing,
             signal,
