@@ -353,6 +353,12 @@ def test_names_and_values_of_cases() -> None:
         (b"[vehicle]\nmass_kg = \n", "line 2,"),
         (b"[vehicle]\nmass_kg = 2000\nmass_kg = 2000\n", "line 3,"),
         (b"[vehicle]\nmass_kg = 3200,5 # kg\n", "line 2, column 15); write a decimal point: 3200.5"),
+        (b"[vehicle]\nmass_kg = 3.200,0\r\n", "line 2, column 16); write a decimal point, and none between thousands: 3200.0"),
+        (b"[vehicle]\nmass_kg = 3,2e3\n", "line 2, column 12); write a decimal point: 3.2e3"),
+        (
+            b"[can.vehicle_motion]\nspeed = { factor = 0,005, length = 16 }\n",
+            "line 2, column 25); write a decimal point: 0.005",
+        ),
         (b"[vehicle]\nmass_kg = 2\nmass_kg = 2\n[tyre]\n", "line 3, column 12); give each key once"),
         (b"# caf\xe9\n", "byte 5"),
         ("# mass\n".encode("utf-16"), "byte 0"),
@@ -369,6 +375,24 @@ def test_invalid_files_are_rejected(tmp_path: Path, content: bytes, words: str) 
     assert "not a file" in refused(tmp_path)
     message = refused(tmp_path / "ars.toml")
     assert "No such file" in message and "codegen init" in message
+
+
+@pytest.mark.parametrize(
+    ("entries", "remedy"),
+    [
+        ("[10,5, 20,5]", "write decimal points: speed_breakpoints_km_h = [10.5, 20.5]"),
+        ("[\n  10,5, # slow\n  1.000,5,\n  20,\n]", "write decimal points: speed_breakpoints_km_h = [10.5, 1000.5, 20]"),
+        ("[10,20,5]", "sort the list"),  # no decimals
+        ("[10, 20, 5]", "sort the list"),
+    ],
+)
+def test_decimal_commas_in_a_list_are_named(tmp_path: Path, entries: str, remedy: str) -> None:
+    """They divide entries too, so that the file is valid TOML. The lists of the default file are not taken for such ones."""
+    path = tmp_path / "ars.toml"
+    text = re.sub(r"speed_breakpoints_km_h = .*", "", preset_text())
+    path.write_text(text.replace("[grid]\n", f"[grid]\nspeed_breakpoints_km_h = {entries}\n"))
+    message = refused(path)
+    assert "grid.speed_breakpoints_km_h: breakpoint" in message and message.endswith(f"; {remedy}")
 
 
 def test_other_values_make_another_configuration() -> None:

@@ -58,7 +58,10 @@ def test_one_code_is_kept_for_not_available(signed: bool, length: int, codes: tu
         ({"vehicle_conditions": {"lateral_acceleration": {"factor": 1e-6}}}, ("0.03277", "but needs -12 to 12; enlarge")),
         ({"vehicle_conditions": {"longitudinal_acceleration": {"factor": 1.0}}}, ("too coarse for -12 to 12",)),
         ({"vehicle_motion": {"sped": {"name": "x"}}}, ("can.vehicle_motion.sped: unknown key", "did you mean 'speed'?")),
-        ({"rear_steer_command": {"diagnostics": {"length": 15}}}, ("Diagnostics has 15 bits and needs 16; correct its length",)),
+        (
+            {"rear_steer_command": {"diagnostics": {"length": 15}}},
+            ("Diagnostics has 15 bits and needs 16; correct its length",),
+        ),
         ({"e2e": {"sync_counter_init": 15}}, ("can.e2e.sync_counter_init",)),
         ({"e2e": {"min_ok_state_valid": 0}}, ("would stay valid for ever; give at least 1",)),
         ({"e2e": {"min_ok_state_init": 1}}, ("min_ok_state_init is below min_ok_state_valid",)),

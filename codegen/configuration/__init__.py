@@ -496,7 +496,28 @@ def parse_toml(text: str, where: object, kind: type[CodegenError]) -> dict[str, 
 
 
 _TOML_LINE = re.compile(r"\(at line (\d+), column \d+\)|\(at end of document\)")
-_DECIMAL_COMMA = re.compile(r"=\s*([+-]?\d+),(\d+)\s*(?:#.*)?\Z")
+_COMMA = r"[+-]?\d+(?:\.\d{3})*,\d+(?:[eE][+-]?\d+)?"
+"""A number with a decimal comma, and points between its thousands."""
+_ENTRY = rf"(?:{_COMMA}|[+-]?\d[\d.eE+-]*)"
+_DECIMAL_COMMA = re.compile(rf"=[ \t]*({_COMMA})(?=[ \t]*(?:[,}}#\r]|\Z))")
+_LIST_WITH_COMMAS = re.compile(
+    rf"^[ \t]*(?:[\w-]+\.)*([\w-]+)[ \t]*=[ \t]*\[\s*({_ENTRY}(?:,\s+{_ENTRY})+),?\s*\]", re.MULTILINE
+)
+"""Lists whose commas divide entries, with space after them, and decimals, without. They are valid TOML with more entries."""
+
+
+def _with_point(number: re.Match[str]) -> str:
+    return number[0].replace(".", "").replace(",", ".")
+
+
+def _comma_named(error: ConfigError, text: str) -> ConfigError:
+    """Return the error of a configuration, with another remedy if a list that it is about has decimal commas in the text."""
+    about = re.findall(r"[\w-]+", f"{error.where} {error.what}")
+    for key, entries in _LIST_WITH_COMMAS.findall(re.sub(r"#.*", "", text)):
+        pointed = re.sub(_COMMA, _with_point, " ".join(entries.split()))
+        if key in about and pointed.count(",") < entries.count(","):
+            return ConfigError(error.what, where=error.where, remedy=f"write decimal points: {key} = [{pointed}]")
+    return error
 
 
 def _toml_remedy(error: str, text: str) -> str:
@@ -504,8 +525,9 @@ def _toml_remedy(error: str, text: str) -> str:
     match = _TOML_LINE.search(error)
     lines = text.split("\n")
     line = lines[int(match[1]) - 1] if match and match[1] else lines[-1]
-    if comma := _DECIMAL_COMMA.search(line.strip()):
-        return f"write a decimal point: {comma[1]}.{comma[2]}"
+    if comma := _DECIMAL_COMMA.search(line):
+        pointed = re.sub(_COMMA, _with_point, comma[1])
+        return f"write a decimal point{', and none between thousands' if '.' in comma[1] else ''}: {pointed}"
     if "Cannot overwrite a value" in error:
         return "give each key once; this line has one that is there already"
     if "Cannot declare" in error and "twice" in error:
@@ -516,7 +538,10 @@ def _toml_remedy(error: str, text: str) -> str:
 def load(path: Path) -> Config:
     """Read and validate an `ars.toml`. Raises ConfigError."""
     text = read_text(path, CONFIG_BYTES_MAX, "name an ars.toml; `codegen init DIR` writes one", ConfigError)
-    return parse(parse_toml(text, path, ConfigError), path)
+    try:
+        return parse(parse_toml(text, path, ConfigError), path)
+    except ConfigError as error:
+        raise _comma_named(error, text) from None
 
 
 def preset_text(name: Preset = "paper") -> str:

@@ -174,7 +174,9 @@ class FrameSignal:
             return f'{place}+ (1,0) [0|{self.mask}] ""'
         limits = f"[{decimal(signal.physical_low)}|{decimal(signal.physical_high)}]"
         sign = "-" if signal.signed else "+"
-        return f'{place}{sign} ({exact_decimal(signal.factor)},{exact_decimal(signal.offset)}) {limits} "{self.definition.unit}"'
+        return (
+            f'{place}{sign} ({exact_decimal(signal.factor)},{exact_decimal(signal.offset)}) {limits} "{self.definition.unit}"'
+        )
 
     @property
     def dbc_values(self) -> str:

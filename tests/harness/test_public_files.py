@@ -7,7 +7,9 @@ from typing import Any
 import can
 import pytest
 
+from codegen import limits
 from codegen.errors import CodegenError
+from codegen.logs import reader
 from codegen.verify.check import Effort, Verdict
 from tests.evidence.progress import Progress
 from tests.evidence.public import counts, files
@@ -54,7 +56,7 @@ def losing(real: Callable[..., Any], what: Callable[[Any], None]) -> Callable[..
 
 
 @pytest.mark.parametrize(
-    ("reader", "loss", "fault"),
+    ("function", "loss", "fault"),
     [
         ("load_database", lambda loaded: loaded.database.messages.pop(), "2 messages are not read, 1 are refused"),
         ("load_database", lambda loaded: loaded.database.messages[0].signals.pop(), "3 signals, 1 read, 1 refused"),
@@ -64,9 +66,9 @@ def losing(real: Callable[..., Any], what: Callable[[Any], None]) -> Callable[..
     ],
 )
 def test_a_loss_is_a_fault(
-    reader: str, loss: Callable[[Any], None], fault: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    function: str, loss: Callable[[Any], None], fault: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(files, reader, losing(getattr(files, reader), loss))
+    monkeypatch.setattr(files, function, losing(getattr(files, function), loss))
     found = files.run((written(tmp_path),), Effort(), Progress())
     assert found.verdict is Verdict.FAILED
     assert any(fault in line for line in found.findings), found.findings
@@ -80,6 +82,25 @@ def test_a_refusal_is_one_line_that_names_the_file(error: Exception, tmp_path: P
     monkeypatch.setattr(files, "load_database", refuse)
     (tmp_path / "car.dbc").write_text(DBC, encoding="utf-8")
     assert files.account_of(tmp_path / "car.dbc").faults
+
+
+def endless(path: Path) -> None:
+    """Read for ever."""
+    while path.exists():
+        pass
+
+
+@pytest.mark.parametrize("kind", ["asc", "mf4"])
+def test_a_refusal_by_the_time_limit_is_a_fault(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In this process, and in that of a library: the limit of either is over before the file is read."""
+    path = tmp_path / f"drive.{kind}"
+    with can.Logger(path) as log:
+        log(can.Message(timestamp=1.0, arbitration_id=0x100, is_extended_id=False, data=b"1", channel=1))
+    monkeypatch.setattr(limits, "SECONDS", 0.05)
+    monkeypatch.setitem(reader.READERS, ".asc", endless)
+    found = files.run((tmp_path,), Effort(), Progress())
+    assert found.verdict is Verdict.FAILED
+    assert any("its time is over, the machine may be too slow or too busy" in line for line in found.findings), found.findings
 
 
 def test_objects_of_a_blf_are_counted_in_containers_and_outside(tmp_path: Path) -> None:

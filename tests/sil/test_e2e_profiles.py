@@ -97,7 +97,10 @@ def test_a_rest_bus_simulation_that_sends_start_values_passes_the_check(name: Pr
         ),
         ({"e2e": {"profile": "5"}}, ("Motion_Crc of E2E profile 5 and Motion_Qualifier share bit 12",)),
         ({"e2e": {"profile": "2"}}, ("VehicleMotion needs data_ids with E2E profile 2; give 16 numbers",)),
-        ({"vehicle_motion": {"data_ids": [0] * 16}}, ("VehicleMotion has data_ids with E2E profile 1, variant 1A; remove them",)),
+        (
+            {"vehicle_motion": {"data_ids": [0] * 16}},
+            ("VehicleMotion has data_ids with E2E profile 1, variant 1A; remove them",),
+        ),
         ({**e2e_profiles.can_of("2"), "vehicle_motion": {"data_ids": [1]}}, ("has 1 data_ids; give 16",)),
         ({**e2e_profiles.can_of("1C"), "vehicle_conditions": {"data_id": 0x1102}}, ("data id 0x1102", "up to 0xFFF")),
         ({"vehicle_motion": {"crc_name": "Speed"}}, ("two signals are called Speed",)),

@@ -1,13 +1,14 @@
 """Part `public`: every message of public databases and every entry of public logs is read, or refused with a reason.
 
 The files lie in a folder that the user gives, in any tree. The project's own readers read them. Their account is compared with
-counts of `tests.evidence.public.counts`, which use none of those readers. A refusal is one line that names the file. Anything
-else, and any entry without a use or a reason, is a fault.
+counts of `tests.evidence.public.counts`, which use none of those readers. A refusal is one line that names the file, with a
+reason that every machine finds. Anything else, and any entry without a use or a reason, is a fault.
 """
 
 from __future__ import annotations
 
 import hashlib
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -32,6 +33,8 @@ HEADER = ("file", "entries", "read", "refused", "other", "why refused")
 WHY_SHOWN = 120
 """Characters of the reasons of a file that the table shows."""
 LIBRARIES = ("asammdf", "cantools", "python-can")
+TIME_IS_OVER = re.compile(r"reading it (takes more than [\d.e+]+ s\b|does not end within)")
+"""Refusals that depend on the speed of the machine: see `codegen.limits` and `codegen.importing.child`."""
 NOT_READ_BY_PYTHON_CAN = (".mf4", ".mdf")
 """Its reader of MF4 needs a log of a bus, and has none for older versions."""
 
@@ -111,7 +114,10 @@ def _refusal(error: CodegenError, path: Path) -> tuple[str, tuple[str, ...]]:
     """Return the reason for the refusal of a whole file, and what is wrong with its line."""
     text = str(error)
     is_plain = text.isprintable() and path.name in text and error.exit_code == 2
-    return text.replace(f"{path}: ", ""), () if is_plain else (f"not one line that names the file: {text!r}",)
+    faults = () if is_plain else (f"not one line that names the file: {text!r}",)
+    if TIME_IS_OVER.search(text):  # nothing is known about the file
+        faults = (*faults, f"its time is over, the machine may be too slow or too busy: {text}")
+    return text.replace(f"{path}: ", ""), faults
 
 
 # --- databases -----------------------------------------------------------------------------------------------------------
