@@ -27,8 +27,7 @@ MEMORY_BYTES = 1_600_000_000
 SMALL_BYTES = 64 * MIB
 """Files up to this size have the limits of a small one; those of larger files grow in proportion."""
 SMALL_SLOW_BYTES = 16 * MIB
-"""The same for formats whose sound files need more. asammdf and python-can read 80,000 frames of an MF4 a second, and 64 MiB
-may hold eight million; pyelftools needs 3 s for 8 MiB of a program with 20,000 variables and their types."""
+"""The same for programs: pyelftools needs 3 s for 8 MiB of one with 20,000 variables and their types."""
 REPEAT_S = 1.0
 """Interval of further signals, for a library that catches the first exception."""
 _is_enforced = False

@@ -7,7 +7,7 @@ from pathlib import Path
 from codegen.errors import CodegenError, one_line
 from codegen.files import reason_of, require_regular
 from codegen.importing import child, library_warnings
-from codegen.limits import SMALL_BYTES, SMALL_SLOW_BYTES, Limits
+from codegen.limits import Limits
 from codegen.logs.formats import LOGS
 from codegen.logs.frames import BYTES_MAX, REMEDY, Collector, FileAccount, Frames
 from codegen.requirements import pip_install
@@ -23,7 +23,7 @@ def read_frames(path: Path) -> tuple[Frames, FileAccount]:
     if kind not in LOGS:
         raise CodegenError("not a log of a CAN bus", where=path, remedy="give .blf, .asc, .log (candump) or .mf4 (version 4)")
     size = require_regular(path, BYTES_MAX, "give a shorter log")
-    limits = Limits.of(size, SMALL_SLOW_BYTES if kind == ".mf4" else SMALL_BYTES)
+    limits = Limits.of(size)
     try:
         if kind == ".mf4":
             found: tuple[Frames, FileAccount] = child.call("codegen.logs.mf4", "read", path, limits=limits)

@@ -1,6 +1,7 @@
 """Frames of logs of a bus."""
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import can
@@ -8,7 +9,9 @@ import numpy as np
 import pytest
 
 from codegen.errors import CodegenError
-from codegen.logs.frames import Kind
+from codegen.limits import MIB, Limits
+from codegen.logs import mf4, reader
+from codegen.logs.frames import Collector, Kind
 from codegen.logs.reader import read_frames
 
 
@@ -27,6 +30,55 @@ def test_a_text_log_that_ends_inside_a_line_is_refused(name: str, tmp_path: Path
         path.write_bytes(b"".join(lines)[:-cut])
         with pytest.raises(CodegenError, match=f"line {len(lines)}: it ends inside a line; copy it again"):
             read_frames(path)
+
+
+def random_message(rng: np.random.Generator, time: float) -> can.Message:
+    """Return a frame of any kind, with or without a channel."""
+    kind, channel = rng.integers(0, 4), [None, 1, 2][rng.integers(0, 3)]
+    if kind == 0:
+        return can.Message(timestamp=time, is_error_frame=True, channel=channel)
+    is_extended, is_fd = bool(rng.integers(0, 2)), kind == 1
+    identifier = int(rng.integers(0, 0x2000_0000 if is_extended else 0x800))
+    about: dict[str, Any] = {"timestamp": time, "arbitration_id": identifier, "is_extended_id": is_extended, "channel": channel}
+    if kind == 2:
+        return can.Message(**about, is_remote_frame=True, dlc=4)
+    data = rng.bytes(int(rng.choice([0, 8, 12, 64]) if is_fd else rng.integers(0, 9)))
+    return can.Message(**about, is_fd=is_fd, is_rx=bool(rng.integers(0, 2)), data=data)
+
+
+def test_frames_of_an_mf4_are_those_that_python_can_reads(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """More than one block of records, and groups that are merged by time."""
+    monkeypatch.setattr(mf4, "CHUNK", 500)
+    path, rng = tmp_path / "bus.mf4", np.random.default_rng(4)
+    with can.Logger(path) as log:
+        for k in range(2_000):
+            log(random_message(rng, 1.7e9 + 1e-3 * k))
+    found, account = mf4.read(path)
+    expected = Collector("MF4", in_file=account.in_file)
+    with can.LogReader(path) as log:
+        for message in log:
+            expected.add(message, message.timestamp, str(message.channel or 0), str(path))
+    whole, _ = expected.finish("")
+    for name in ("time", "identifier", "is_extended", "is_fd", "is_sent", "kind"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(whole, name), name)
+    assert found.data == whole.data
+    assert [found.channels[k] for k in found.channel] == [whole.channels[k] for k in whole.channel]
+
+
+@pytest.mark.parametrize("kind", ["mf4", "asc", "blf"])
+def test_logs_up_to_64_mib_have_the_limits_of_a_small_file(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, used = tmp_path / f"bus.{kind}", list[Limits]()
+    with path.open("wb") as file:
+        file.truncate(64 * MIB)
+
+    def of(*arguments: int) -> Limits:
+        used.append(Limits.of(*arguments))
+        raise CodegenError("known")
+
+    monkeypatch.setattr(reader, "Limits", SimpleNamespace(of=of))
+    with pytest.raises(CodegenError, match="known"):
+        read_frames(path)
+    assert used == [Limits()]
 
 
 def test_an_object_of_no_size_is_refused(tmp_path: Path) -> None:
