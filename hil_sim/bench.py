@@ -164,11 +164,11 @@ def run_in_lock_step(node: PlantNode, bus: Bus, *, log: BusLog | None = None, ob
     if node.injector.faults:
         raise CodegenError(
             "bus faults cannot be simulated in lock-step: without a complete set of frames, the task does not run",
-            where="--lock-step",
-            remedy="use --real-time",
+            where="`lock_step=True`",
+            remedy="use `lock_step=False`",
         )
     if node.is_free_running:
-        raise CodegenError("in lock-step there is one clock", where="--lock-step", remedy="use --real-time")
+        raise CodegenError("in lock-step there is one clock", where="`lock_step=True`", remedy="use `lock_step=False`")
     recorder = _Recorder(node, observe)
     _drain(bus)
     for cycle in range(node.cycles):
@@ -313,7 +313,7 @@ def refuse_bus(scenario: Scenario) -> None:
         raise CodegenError(
             f"it has faults on the bus ({kinds}), and this run has no bus",
             where=f"scenario {scenario.name}",
-            remedy="run it with `codegen hil`, or with `codegen sil --can`",
+            remedy="run it on a bus, or with `through_can=True`",
         )
 
 

@@ -45,14 +45,14 @@ class BusAddress:
         if not separator or not interface or not channel:
             raise CodegenError(
                 f"{text!r} is not INTERFACE:CHANNEL",
-                where="--bus",
+                where="`bus=`",
                 remedy="give e.g. socketcan:vcan0 or udp_multicast:239.74.163.2",
             )
         if interface not in can.VALID_INTERFACES:
             known = ", ".join(sorted(can.VALID_INTERFACES))
-            raise CodegenError(f"python-can has no interface {interface!r}", where="--bus", remedy=f"known: {known}")
+            raise CodegenError(f"python-can has no interface {interface!r}", where="`bus=`", remedy=f"known: {known}")
         if interface == "socketcan" and channel.startswith("-"):  # would be an option of the native ECU
-            raise CodegenError(f"{channel!r} cannot be a CAN interface", where="--bus", remedy="name one, such as vcan0")
+            raise CodegenError(f"{channel!r} cannot be a CAN interface", where="`bus=`", remedy="name one, such as vcan0")
         return cls(interface, channel)
 
     def __str__(self) -> str:
@@ -73,7 +73,7 @@ class Bus:
         package = _PACKAGES.get(address.interface)
         if package and importlib.util.find_spec(package) is None:
             what = f"{address.interface} needs the package {package}"
-            raise CodegenError(what, where="--bus", remedy=pip_install(package))
+            raise CodegenError(what, where="`bus=`", remedy=pip_install(package))
         settings: dict[str, Any] = {}
         if can_of_build is not None and address.interface not in LOCAL_INTERFACES:
             settings["bitrate"] = round(can_of_build.bitrate_kbit_s * 1e3)
@@ -185,7 +185,7 @@ def _cannot_open(address: BusAddress, error: BaseException) -> CodegenError:
         return CodegenError(
             "this system has no SocketCAN",
             where=str(address),
-            remedy="load it (sudo modprobe vcan), or use --bus udp_multicast:239.74.163.2",
+            remedy="load it (sudo modprobe vcan), or use `bus='udp_multicast:239.74.163.2'`",
         )
     text = one_line(str(error)) or type(error).__name__
     return CodegenError(

@@ -41,7 +41,7 @@ class Clocks:
         if 2.0 * jitter >= period:
             raise CodegenError(
                 f"{self.jitter_ms:g} ms is half of the period of {1e3 * period:g} ms or more",
-                where="--jitter",
+                where="`jitter_ms=`",
                 remedy="choose less: frames of a message keep their order",
             )
         ticks, middle = np.arange(count, dtype=np.float64), 0.5 * count

@@ -78,7 +78,7 @@ def compile_ecu(build: Path) -> Path:
         BuildError: not a build, or one without the program; not Linux, no compiler, C that does not compile, a full disk.
     """
     if sys.platform != "linux":
-        raise BuildError("the native ECU needs Linux", where=build, remedy="use --ecu cffi")
+        raise BuildError("the native ECU needs Linux", where=build, remedy="use `ecu='cffi'`")
     manifest = read_build(build)
     prefix, sources = manifest["options"]["prefix"], read_files(build, manifest, FOLDERS)
     program = "linux/ars_ecu.c"

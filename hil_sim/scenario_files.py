@@ -115,7 +115,7 @@ def with_settings(base: Scenario, settings: Mapping[str, float]) -> Scenario:
         CodegenError: the scenario does not take one of them.
     """
     for key in settings:
-        _require_adjustable(base, key, f"--{key.replace('_', '-')}")
+        _require_adjustable(base, key, f"`{key}=`")
     return replace(base, settings=replace(base.settings, **settings)) if settings else base
 
 

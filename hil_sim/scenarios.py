@@ -357,6 +357,6 @@ def find(name: str, config: Config | None = None) -> Scenario:
         return scenario_files.load(Path(name), config)
     raise CodegenError(
         f"there is no scenario {name!r}",
-        where="--scenario",
+        where="`scenario=`",
         remedy=f"known: {', '.join(BUILT_IN)}, or a .csv or .toml file{suggestion(name, BUILT_IN)}",
     )

@@ -126,7 +126,9 @@ def run_hil(setup: Setup, build: Path, kind: EcuKind, observe: Observer | None =
     if kind == "external":
         if setup.lock_step:
             raise CodegenError(
-                "an external ECU has a clock of its own", where="--lock-step", remedy="use --real-time, or another --ecu"
+                "an external ECU has a clock of its own",
+                where="`lock_step=True`",
+                remedy="use `lock_step=False`, or another `ecu=`",
             )
         return HilRun(run_plant(setup, None, observe), "")
     with ecu_of(build, setup.address, kind, lock_step=setup.lock_step, xcp=xcp) as ecu:
@@ -144,7 +146,7 @@ def _refuse_restart(scenario: Scenario) -> None:
         raise CodegenError(
             "an ECU that was not started here cannot be switched off from here",
             where=f"scenario {scenario.name}",
-            remedy="use `codegen hil` with --ecu native or cffi, or another scenario",
+            remedy="use `ecu='native'` or `ecu='cffi'`, or another scenario",
         )
 
 
@@ -171,7 +173,7 @@ def ecu_of(build: Path, address: BusAddress, kind: EcuKind, *, lock_step: bool, 
 def check_xcp(kind: str, *, xcp: bool) -> None:
     """Reject XCP if the ECU has none. Raises CodegenError."""
     if xcp and kind != "native":
-        raise CodegenError(f"only the native ECU has XCP, not {kind}", where="--xcp", remedy="use --ecu native")
+        raise CodegenError(f"only the native ECU has XCP, not {kind}", where="`xcp=True`", remedy="use `ecu='native'`")
 
 
 def check_native(address: BusAddress) -> None:
@@ -179,8 +181,8 @@ def check_native(address: BusAddress) -> None:
     if address.interface != "socketcan" or sys.platform != "linux":
         raise CodegenError(
             f"the native ECU speaks SocketCAN on Linux, not {address.interface} on {sys.platform}",
-            where="--ecu native",
-            remedy="use --bus socketcan:vcan0, or --ecu cffi",
+            where="`ecu='native'`",
+            remedy="use `bus='socketcan:vcan0'`, or `ecu='cffi'`",
         )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import Any
 
 import click
 
@@ -17,10 +17,9 @@ from codegen.cli.options import build_option, folder_to_write
     epilog=example("codegen arxml --build generated/4ws2 -o autosar"),
 )
 @build_option
-@click.option("-o", "--output", required=True, type=folder_to_write, metavar="DIR", help="Folder for the description.")
+@click.option("-o", "--output", "path", required=True, type=folder_to_write, metavar="DIR", help="Folder for the description.")
 @click.option(
     "--e2e",
-    "protection",
     type=click.Choice(["transformer", "task"]),
     default="transformer",
     show_default=True,
@@ -34,10 +33,10 @@ from codegen.cli.options import build_option, folder_to_write
     help="How the runnable reads the messages: by Rte_Read, or by Rte_IRead, which needs the transformer.",
 )
 @json_option
-def arxml(build_path: Path, output: Path, protection: str, access: str, as_json: bool) -> None:
+def arxml(as_json: bool, **given: Any) -> None:
     """Write the ARXML (R22-11) of a build, and the C between the RTE and the controller.
 
     The ARXML contains the software component with its types, ports, parameters and runnables, and the system with frames,
     signals and E2E protection. The C goes to the ECU project together with the sources of the build.
     """
-    show(codegen.export(build_path, "arxml", output, e2e=protection, access=access, progress=console.shown), as_json)
+    show(codegen.export(what="arxml", **given, progress=console.shown), as_json)

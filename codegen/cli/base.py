@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import EllipsisType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from codegen import __version__, console
+from codegen.errors import CodegenError
 
 if TYPE_CHECKING:
     from codegen.library.result import Result
@@ -25,6 +27,52 @@ def example(text: str) -> str:
     return f"\b\nExample:\n  {text}"
 
 
+ARGUMENT = re.compile(r"`(?:\w+\[')?(\w+)(?:'\])?=([^`]*)`")
+"""An argument in the library's messages: `name=`, `name=value` or `mapping['name']=value`."""
+
+
+def in_options(text: str) -> str:
+    """Return a message of the library with its arguments as options: --friction instead of `friction=`.
+
+    A parameter of click has the name of the argument that it becomes. Those of the running command come first; a remedy may
+    name another command's.
+    """
+    context = click.get_current_context(silent=True)
+    own = context.command.params if context is not None else []
+    others = [each for command in cli.commands.values() for each in command.params if isinstance(each, click.Option)]
+    known = {each.name: each for each in reversed((*own, *others))}
+    return ARGUMENT.sub(lambda found: _option(known[found[1]], found[2].strip("'")) if found[1] in known else found[0], text)
+
+
+def _option(parameter: click.Parameter, value: str) -> str:
+    """Return a parameter with a value as the user writes it."""
+    if not isinstance(parameter, click.Option):
+        return value or parameter.human_readable_name
+    if parameter.is_flag:
+        is_other = bool(parameter.secondary_opts) and value == "False"
+        return (parameter.secondary_opts if is_other else parameter.opts)[0]
+    name = max(parameter.opts, key=len)
+    return f"{name} {value}" if value else name
+
+
+class Command(click.Command):
+    """A command whose errors name its options."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the command. Raises CodegenError."""
+        try:
+            return super().invoke(ctx)
+        except CodegenError as error:
+            error.what, error.where, error.remedy = map(in_options, (error.what, error.where, error.remedy))
+            raise
+
+
+class Commands(click.Group):
+    """The group of all commands."""
+
+    command_class = Command
+
+
 def show(result: Result, as_json: bool, plot: Path | EllipsisType | None = ...) -> None:
     """Print a result as JSON, or as lines with its notes and warnings. Raises CheckFailed if a check failed.
 
@@ -33,14 +81,15 @@ def show(result: Result, as_json: bool, plot: Path | EllipsisType | None = ...) 
     """
     if as_json:
         data = result.to_dict()
+        data |= {key: [*map(in_options, data[key])] for key in ("notes", "warnings") if key in data}
         if plot is not ...:
             data["plot"] = None if plot is None else str(plot)
         console.print_json(data)
-        console.warn(*(() if "warnings" in data else result.warnings))
+        console.warn(*(() if "warnings" in data else map(in_options, result.warnings)))
     else:
-        console.note(*result.notes)
-        console.warn(*result.warnings)
-        console.say(*result.lines())
+        console.note(*map(in_options, result.notes))
+        console.warn(*map(in_options, result.warnings))
+        console.say(*map(in_options, result.lines()))
         if isinstance(plot, Path):
             console.say(f"\nplot: {plot}")
     if result.failure is not None:
@@ -83,7 +132,7 @@ def _version(context: click.Context, parameter: click.Parameter, wanted: bool) -
         context.exit()
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]}, epilog=example("codegen init my-car"))
+@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]}, epilog=example("codegen init my-car"))
 @click.option("--version", is_flag=True, is_eager=True, expose_value=False, callback=_version, help="Show versions and exit.")
 @click.option("--debug", is_flag=True, expose_value=False, help="Show the traceback of an error.")
 def cli() -> None:

@@ -10,7 +10,7 @@ from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -43,7 +43,7 @@ class Outputs:
     """Output paths of the results, and the options that all runs share."""
 
     scenario: str
-    drift_ppm: float | None
+    clock_drift_ppm: float | None
     jitter_ms: float | None
     sensors: bool
     seed: int
@@ -129,7 +129,7 @@ class Choices(Outputs):
 
         return Setup(
             config=config,
-            scenario=find(self.scenario, config).with_clocks(self.drift_ppm, self.jitter_ms),
+            scenario=find(self.scenario, config).with_clocks(self.clock_drift_ppm, self.jitter_ms),
             address=BusAddress.parse(self.bus),
             lock_step=self.lock_step,
             precision=precision,
@@ -147,30 +147,29 @@ class Choices(Outputs):
 @build_option
 @click.option(
     "--ecu",
-    "kind",
     type=click.Choice(["native", "cffi", "external"]),
     required=True,
     help="native: the C as a Linux program; cffi: the C called from Python; external: an ECU already on the bus.",
 )
 @xcp_option
 @run_options
-def hil(build_path: Path, kind: EcuKind, xcp: bool, **given: Any) -> None:
+def hil(build: Path, ecu: EcuKind, xcp: bool, **given: Any) -> None:
     """Exchange CAN frames between a plant simulator and an ECU, every 10 ms by the clock or in lock-step.
 
     The ECU is started and stopped here, unless it is external. The passive car is simulated for comparison.
     """
     from hil_sim.session import BuildFacts, check_xcp, run_hil
 
-    check_xcp(kind, xcp=xcp)
+    check_xcp(ecu, xcp=xcp)
     chosen = Choices(**given)
     chosen.check()
-    facts = BuildFacts.read(build_path)
+    facts = BuildFacts.read(build)
     setup = chosen.setup(facts.config, facts.precision, facts.dbc)
-    note_edited(build_path, facts.edited, quiet=chosen.as_json)
-    with live_view(setup, kind, quiet=chosen.as_json) as observe:
-        ran = run_hil(setup, build_path, kind, observe, xcp=xcp)
-    title = f"{build_path} on {setup.address}, ECU {kind}, {setup.clock}"
-    described = {"build": str(build_path), "ecu": kind, **setup.describe()}
+    note_edited(build, facts.edited, quiet=chosen.as_json)
+    with live_view(setup, ecu, quiet=chosen.as_json) as observe:
+        ran = run_hil(setup, build, ecu, observe, xcp=xcp)
+    title = f"{build} on {setup.address}, ECU {ecu}, {setup.clock}"
+    described = {"build": str(build), "ecu": ecu, **setup.describe()}
     chosen.finish(_of_bench(title, setup, ran.result, described, ran.ecu_counters))
 
 
@@ -178,17 +177,17 @@ def hil(build_path: Path, kind: EcuKind, xcp: bool, **given: Any) -> None:
     short_help="Run the simulated car on a CAN bus.",
     epilog=example("codegen plant --bus socketcan:vcan0 --scenario sine-with-dwell"),
 )
-@click.option("--config", "config_path", type=configuration_file, help="ars.toml; by default the paper's preset.")
+@click.option("--config", type=configuration_file, help="ars.toml; by default the paper's preset.")
 @run_options
-def plant(config_path: Path | None, **given: Any) -> None:
+def plant(config: Path | None, **given: Any) -> None:
     """Run the simulated car on a bus for any ECU: send its frames, obey the commands."""
     from codegen.map_file.map import choose_config
     from hil_sim.session import run_plant
 
     chosen = Choices(**given)
-    chosen.check(config_path)
-    car = choose_config(None, config_path)
-    if config_path is None and not chosen.as_json:
+    chosen.check(config)
+    car = choose_config(None, config)
+    if config is None and not chosen.as_json:
         console.note("no --config: using the paper's preset")
     setup = chosen.setup(car.config)
     with live_view(setup, "external", quiet=chosen.as_json) as observe:
@@ -223,30 +222,29 @@ def _of_bench(title: str, setup: Setup, result: BenchResult, facts: Mapping[str,
 @bus_option
 @click.option(
     "--ecu",
-    "kind",
     type=click.Choice(["native", "cffi"]),
     help="native: the C as a Linux program (default on socketcan); cffi: the C called from Python (default elsewhere).",
 )
 @clock_option
 @xcp_option
 @click.option("--parent", type=int, hidden=True, help="Exit when this process is no longer the parent.")
-def ecu(build_path: Path, bus: str, kind: str | None, lock_step: bool, xcp: bool, parent: int | None) -> None:
+def ecu(build: Path, bus: str, ecu: str | None, lock_step: bool, xcp: bool, parent: int | None) -> None:
     """Run as the ECU on a bus until interrupted: print `ready`, answer the car's frames, print counters at the end."""
     from hil_sim.bus import BusAddress
     from hil_sim.session import check_native, check_xcp
 
     address = BusAddress.parse(bus)
-    if kind is None:
-        kind = "native" if address.interface == "socketcan" and sys.platform == "linux" else "cffi"
-    check_xcp(kind, xcp=xcp)
-    if kind == "native":
+    if ecu is None:
+        ecu = "native" if address.interface == "socketcan" and sys.platform == "linux" else "cffi"
+    check_xcp(ecu, xcp=xcp)
+    if ecu == "native":
         from hil_sim import ecu_process
 
         check_native(address)
-        command = ecu_process.command(build_path, address.channel, lock_step=lock_step, xcp=xcp)
+        command = ecu_process.command(build, address.channel, lock_step=lock_step, xcp=xcp)
         sys.stdout.flush()
         os.execv(command[0], command)  # replaces this process
-    _serve(build_path, address, lock_step, parent)
+    _serve(build, address, lock_step, parent)
 
 
 def _serve(build_path: Path, address: BusAddress, lock_step: bool, parent: int | None) -> None:
@@ -284,17 +282,16 @@ def _serve(build_path: Path, address: BusAddress, lock_step: bool, parent: int |
 @build_option
 @click.option(
     "--bus",
-    "bus",
     metavar="INTERFACE:CHANNEL",
     shell_complete=bus_names,
     help="A bus of python-can; by default the run is in this process, without a bus.",
 )
-@click.option("--ecu", "kind", type=click.Choice(["native", "cffi"]), help="On a bus: as in hil; cffi by default.")
+@click.option("--ecu", type=click.Choice(["native", "cffi"]), help="On a bus: as in hil; cffi by default.")
 @json_option
-def faults(build_path: Path, bus: str | None, kind: Literal["native", "cffi"] | None, as_json: bool) -> None:
+def faults(as_json: bool, **given: Any) -> None:
     """Inject every bus fault into the same turn-in. Report the diagnostics, the time to the fail-safe, the largest rear angle
     and the recovery time. On a bus, runs take real time, and delays of this machine count as additional faults."""
-    show(codegen.faults(build_path, bus=bus, ecu=kind, progress=console.shown), as_json)
+    show(codegen.faults(**given, progress=console.shown), as_json)
 
 
 @cli.command(short_help="List the scenarios.", epilog=example("codegen scenarios"))

@@ -37,7 +37,6 @@ IMAGE_ENDINGS = (".elf", ".s19", ".hex")
 )
 @click.option(
     "--image",
-    "image_path",
     type=any_file,
     metavar="IMAGE",
     help="Start from the values in an ELF, S-record or Intel HEX image.",
@@ -45,16 +44,16 @@ IMAGE_ENDINGS = (".elf", ".s19", ".hex")
 @click.option(
     "--addresses", type=any_file, metavar="ELF|A2L", help="For S-record and Intel HEX: the program's ELF, or its A2L."
 )
-@click.option("--config", "config_path", type=configuration_file, help="For .toml: the ars.toml whose keys are replaced.")
+@click.option("--config", type=configuration_file, help="For .toml: the ars.toml whose keys are replaced.")
 @click.option("--plot", type=picture_to_write, metavar="PNG", help="Without -o: draw the differences.")
 @json_option
 def calibrate(
-    build_path: Path,
+    build: Path,
     files: tuple[Path, ...],
     output: Path | None,
-    image_path: Path | None,
+    image: Path | None,
     addresses: Path | None,
-    config_path: Path | None,
+    config: Path | None,
     plot: Path | None,
     as_json: bool,
 ) -> None:
@@ -65,26 +64,26 @@ def calibrate(
     """
     from codegen.emit.outputs import check_output
 
-    inputs = (build_path, *files, image_path, addresses, config_path)
-    _refuse(output, image_path, addresses, config_path, plot, len(files))
+    inputs = (build, *files, image, addresses, config)
+    _refuse(output, image, addresses, config, plot, len(files))
     if output is not None:
         suffix = output.suffix.lower()
-        if suffix in WRITTEN_ENDINGS or image_path is None:
+        if suffix in WRITTEN_ENDINGS or image is None:
             wanted = suffix
         else:  # a program on Linux has no extension; its copy may be named .elf
-            wanted = image_path.suffix.lower() or (IMAGE_ENDINGS[0] if suffix else "")
+            wanted = image.suffix.lower() or (IMAGE_ENDINGS[0] if suffix else "")
         check_output(output, wanted, inputs)
     check_output(plot, ".png", inputs)
-    found = codegen.calibrate(build_path, files, image=image_path, addresses=addresses, progress=console.shown)
+    found = codegen.calibrate(build, files, image=image, addresses=addresses, progress=console.shown)
     if output is not None:
-        found.save(output, config_path)
+        found.save(output, config)
         show(found, as_json)
         return
     drawn = None
     if plot is not None:
         with console.status("drawing"):
             drawn = None if found.plot(plot) is None else plot
-    show(found, as_json, drawn if files or image_path else ...)
+    show(found, as_json, drawn if files or image else ...)
 
 
 def _refuse(

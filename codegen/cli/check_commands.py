@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -23,12 +23,10 @@ EXAMPLE = "codegen check ars.toml\n  codegen check 4ws2.npz\n  codegen check gen
 
 @cli.command(short_help="Check a car, a map or a build for plausibility.", epilog=example(EXAMPLE))
 @click.argument("subject", metavar="ars.toml|MAP.npz|BUILD", type=checked_path)
-@click.option(
-    "--config", "config_path", type=configuration_file, help="For a map: ars.toml; by default the map's own configuration."
-)
+@click.option("--config", type=configuration_file, help="For a map: ars.toml; by default the map's own configuration.")
 @click.option("--drive", is_flag=True, help="Judge the car afresh, with and without the controller; changes no file.")
 @json_option
-def check(subject: Path, config_path: Path | None, drive: bool, as_json: bool) -> None:
+def check(as_json: bool, **given: Any) -> None:
     """Check a configuration, a map or a build for implausible values and contradictions, and whether the car is better with the
     controller than without.
 
@@ -41,7 +39,7 @@ def check(subject: Path, config_path: Path | None, drive: bool, as_json: bool) -
     dwell and lane change. `codegen tune` makes it and stores it in the map. Where it is missing or out of date, --drive makes
     it, which takes seconds; it is printed and not stored. Exits with 1 if there is a warning.
     """
-    show(codegen.check(subject, config_path, drive=drive, progress=console.shown), as_json)
+    show(codegen.check(**given, progress=console.shown), as_json)
 
 
 @cli.command(epilog=example("codegen verify generated/4ws2"))

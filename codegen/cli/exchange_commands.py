@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import click
 
@@ -49,9 +49,7 @@ READ = "supported are .mat, .csv, .tsv, .txt, .dat (a map) and .tir (a tyre)"
     "--units", metavar="LIST", help="Units, such as vx=km/h,delta_f=deg,yaw_rate=deg/s, if the names do not contain them."
 )
 @click.option("--rows", type=click.Choice(["vx", "delta_f"]), help="Axis along the rows of a table, if it is ambiguous.")
-@click.option(
-    "--config", "config_path", type=configuration_file, help="For tyres: the ars.toml of the car, which is not changed."
-)
+@click.option("--config", type=configuration_file, help="For tyres: the ars.toml of the car, which is not changed.")
 @click.option(
     "--peak",
     type=click.Choice(["file", "road"]),
@@ -63,7 +61,7 @@ def import_(
     output: Path,
     units: str | None,
     rows: Literal["vx", "delta_f"] | None,
-    config_path: Path | None,
+    config: Path | None,
     peak: str | None,
     as_json: bool,
     **names: str | None,
@@ -75,17 +73,17 @@ def import_(
     from codegen.emit.outputs import check_output
 
     for_map: dict[str, object] = {**names, "units": units, "rows": rows}
-    for_tyres: dict[str, object] = {"config": config_path, "peak": peak}
+    for_tyres: dict[str, object] = {"config": config, "peak": peak}
     if _are_tyres(files):
         _refuse_options(for_map, "for a map")
-        if config_path is None:
+        if config is None:
             raise CodegenError(
                 "tyres need the configuration of a car",
                 where=files[0],
                 remedy="name its ars.toml with --config and the new one with -o",
             )
-        check_output(output, ".toml", (*files, config_path))
-        tyres = codegen.import_tyres(files, config_path, peak="road" if peak == "road" else "file")
+        check_output(output, ".toml", (*files, config))
+        tyres = codegen.import_tyres(files, config, peak="road" if peak == "road" else "file")
         tyres.save(output)
         show(tyres, as_json)
         return
@@ -129,18 +127,24 @@ A2L_SUFFIX = ".a2l"
     epilog=example("codegen a2l --build generated/4ws2 --elf ecu.elf -o ecu.a2l"),
 )
 @build_option
-@click.option("--elf", "elf_path", required=True, type=any_file, metavar="ELF", help="A program linked with the build.")
+@click.option("--elf", required=True, type=any_file, metavar="ELF", help="A program linked with the build.")
 @click.option("--instance", metavar="PATH", help="Task or controller object, such as ecu.task; needed if there are several.")
 @click.option(
-    "-o", "--output", required=True, type=FileType((A2L_SUFFIX,), to_write=True), metavar="A2L", help="The file to write, .a2l."
+    "-o",
+    "--output",
+    "path",
+    required=True,
+    type=FileType((A2L_SUFFIX,), to_write=True),
+    metavar="A2L",
+    help="The file to write, .a2l.",
 )
 @json_option
-def a2l(build_path: Path, elf_path: Path, instance: str | None, output: Path, as_json: bool) -> None:
+def a2l(as_json: bool, **given: Any) -> None:
     """Write the A2L of a build with the addresses that its objects have in a linked program.
 
     Byte order and types come from the program too; the identity of the build and the size of each object must match it.
     """
-    show(codegen.export(build_path, "a2l", output, elf=elf_path, instance=instance, progress=console.shown), as_json)
+    show(codegen.export(what="a2l", **given, progress=console.shown), as_json)
 
 
 FMU_SUFFIX = ".fmu"
@@ -153,23 +157,29 @@ FMU_SUFFIX = ".fmu"
 @build_option
 @click.option(
     "--what",
+    "model",
     type=click.Choice(["controller", "plant", "loop", "ecu"]),
     required=True,
     help="The controller, the car of the build's configuration, both in closed loop, or the whole task with its CAN frames.",
 )
 @click.option("--bus", is_flag=True, help="With --what plant: the car sends and receives CAN frames (FMI-LS-BUS).")
-@click.option("--fmi", "version", type=click.Choice(["2", "3"]), help="FMI 2.0 or 3.0.  [default: 2; with a bus: 3]")
+@click.option("--fmi", type=click.Choice(["2", "3"]), help="FMI 2.0 or 3.0.  [default: 2; with a bus: 3]")
 @click.option(
-    "-o", "--output", required=True, type=FileType((FMU_SUFFIX,), to_write=True), metavar="FMU", help="The file to write, .fmu."
+    "-o",
+    "--output",
+    "path",
+    required=True,
+    type=FileType((FMU_SUFFIX,), to_write=True),
+    metavar="FMU",
+    help="The file to write, .fmu.",
 )
 @json_option
-def fmu(build_path: Path, what: str, bus: bool, version: str | None, output: Path, as_json: bool) -> None:
+def fmu(as_json: bool, **given: Any) -> None:
     """Write a co-simulation FMU of a build, with its sources and the binary for this machine.
 
     A simulator that imports it runs the build's own C, with the same results as `codegen sil`.
     """
-    found = codegen.export(build_path, "fmu", output, model=what, bus=bus, fmi=version, progress=console.shown)
-    show(found, as_json)
+    show(codegen.export(what="fmu", **given, progress=console.shown), as_json)
 
 
 @cli.command(
@@ -177,18 +187,18 @@ def fmu(build_path: Path, what: str, bus: bool, version: str | None, output: Pat
     epilog=example("codegen firmware --build generated/4ws2 -o fw --run"),
 )
 @build_option
-@click.option("-o", "--output", required=True, type=folder_to_write, metavar="DIR", help="Folder for the project.")
-@click.option("--run", "run_it", is_flag=True, help="Also build it, run it in QEMU and compare its frames with the SIL's.")
+@click.option("-o", "--output", "path", required=True, type=folder_to_write, metavar="DIR", help="Folder for the project.")
+@click.option("--run", is_flag=True, help="Also build it, run it in QEMU and compare its frames with the SIL's.")
 @click.option(
     "--toolchain",
     type=click.Choice(["gcc", "zig"]),
     help="Compiler for --run; by default arm-none-eabi-gcc if installed, else zig.",
 )
 @json_option
-def firmware(build_path: Path, output: Path, run_it: bool, toolchain: str | None, as_json: bool) -> None:
+def firmware(as_json: bool, **given: Any) -> None:
     """Write a small bare-metal project for a Cortex-M4F: it boots and runs the task of a build against a recorded drive.
 
     No vendor code, no C library. --run also builds the image in a temporary folder and runs it in QEMU (mps2-an386); exits
     with 1 if a frame differs from the software in the loop.
     """
-    show(codegen.export(build_path, "firmware", output, run=run_it, toolchain=toolchain, progress=console.shown), as_json)
+    show(codegen.export(what="firmware", **given, progress=console.shown), as_json)

@@ -32,7 +32,7 @@ from codegen.errors import CodegenError
         "  codegen identify --config ars.toml --plan plan --lateral-acceleration-max 4 --report plan.html"
     ),
 )
-@click.option("--config", "config_path", type=configuration_file, help="ars.toml: known values, and a guess of the others.")
+@click.option("--config", type=configuration_file, help="ars.toml: known values, and a guess of the others.")
 @click.option(
     "--log",
     "logs",
@@ -43,7 +43,6 @@ from codegen.errors import CodegenError
 )
 @click.option(
     "--hold-out",
-    "held_out",
     multiple=True,
     type=drive_log,
     metavar="FILE",
@@ -63,7 +62,7 @@ from codegen.errors import CodegenError
 @click.option("--check", "check_only", is_flag=True, help="Only read the drives and report what was found in them.")
 @click.option(
     "--plan",
-    "plan_path",
+    "folder",
     type=folder_to_write,
     metavar="DIR",
     help="Instead of identifying, propose drives, and write them into this folder as scenarios of the bench.",
@@ -82,16 +81,16 @@ from codegen.errors import CodegenError
 )
 @json_option
 def identify(
-    config_path: Path | None,
+    config: Path | None,
     logs: tuple[Path, ...],
-    held_out: tuple[Path, ...],
-    databases: tuple[Path, ...],
+    hold_out: tuple[Path, ...],
+    dbc: tuple[Path, ...],
     channel: str | None,
-    names_path: Path | None,
+    signals: Path | None,
     output: Path | None,
     report_path: Path | None,
     check_only: bool,
-    plan_path: Path | None,
+    folder: Path | None,
     lateral_acceleration_max: float | None,
     duration: float | None,
     as_json: bool,
@@ -109,11 +108,11 @@ def identify(
     from codegen.library.identification import refuse_plan_folder, require_report
 
     _check_options(
-        plan_path is not None,
+        folder is not None,
         {
             "--log": logs,
-            "--hold-out": held_out,
-            "--dbc": databases,
+            "--hold-out": hold_out,
+            "--dbc": dbc,
             "--channel": channel,
             "--output": output,
             "--check": check_only,
@@ -124,39 +123,39 @@ def identify(
         if check_only and path is not None:
             where = f"codegen identify {option}"
             raise CodegenError("it cannot be combined with --check, which writes no file", where=where, remedy="leave one out")
-    inputs = (config_path, names_path, *logs, *held_out, *databases)
-    if plan_path is not None:
-        if config_path is None:
+    inputs = (config, signals, *logs, *hold_out, *dbc)
+    if folder is not None:
+        if config is None:
             raise CodegenError("is missing", where="codegen identify --config", remedy="name the ars.toml of the car")
-        refuse_plan_folder(plan_path)
-    elif not check_only and (config_path is None or output is None):
-        missing = "--config" if config_path is None else "--output"
+        refuse_plan_folder(folder)
+    elif not check_only and (config is None or output is None):
+        missing = "--config" if config is None else "--output"
         raise CodegenError("is missing", where=f"codegen identify {missing}", remedy="give --config and -o, or --check")
     check_output(output, ".toml", inputs)
     check_output(report_path, ".html", inputs)
     if report_path is not None:
         require_report()
-    if config_path is None or check_only:
+    if config is None or check_only:
         show(
-            codegen.read_drives(logs + held_out, databases, channel=channel, signals=names_path, progress=console.shown),
+            codegen.read_drives(logs + hold_out, dbc, channel=channel, signals=signals, progress=console.shown),
             as_json,
         )
         return
-    if plan_path is not None:
+    if folder is not None:
         limits = {"lateral_acceleration_max": lateral_acceleration_max, "duration": duration}
         given = {name: value for name, value in limits.items() if value is not None}
-        plan = codegen.plan_drives(config_path, **given, signals=names_path, progress=console.shown)
-        plan.save(plan_path, report_path)
+        plan = codegen.plan_drives(config, **given, signals=signals, progress=console.shown)
+        plan.save(folder, report_path)
         show(plan, as_json)
         return
     assert output is not None
     found = codegen.identify(
-        config_path,
+        config,
         logs,
-        hold_out=held_out,
-        dbc=databases,
+        hold_out=hold_out,
+        dbc=dbc,
         channel=channel,
-        signals=names_path,
+        signals=signals,
         progress=console.shown,
     )
     with console.status("writing"):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import Any
 
 import click
 
@@ -21,7 +21,7 @@ from codegen.cli.options import channel_option, database_option, drive_log, sign
 @channel_option
 @signals_option
 @json_option
-def log(path: Path, databases: tuple[Path, ...], channel: str | None, names_path: Path | None, as_json: bool) -> None:
+def log(as_json: bool, **given: Any) -> None:
     """Account for every frame of the log of a CAN bus, or every row of a measurement.
 
     A bus (.blf, .asc, .log of candump, .mf4): the frames in the file, those that are read and those that are skipped, with the
@@ -33,5 +33,4 @@ def log(path: Path, databases: tuple[Path, ...], channel: str | None, names_path
 
     The commands that read a log use the same account.
     """
-    found = codegen.log(path, databases, channel=channel, signals=names_path, progress=console.shown)
-    show(found, as_json)
+    show(codegen.log(**given, progress=console.shown), as_json)

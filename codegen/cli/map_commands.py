@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Any
 
 import click
 
@@ -26,7 +26,6 @@ from codegen.errors import CodegenError
 @click.argument("folder", metavar="DIR", type=folder_to_write)
 @click.option(
     "--preset",
-    "preset",
     type=click.Choice(["recommended", "paper"]),
     default="recommended",
     show_default=True,
@@ -49,10 +48,9 @@ def schema() -> None:
 @cli.command(
     short_help="Solve one case and write the map.", epilog=example("codegen solve --config ars.toml --case 4ws-2 -o 4ws2.npz")
 )
-@click.option("--config", "config_path", type=configuration_file, help="ars.toml; by default the paper's preset.")
+@click.option("--config", type=configuration_file, help="ars.toml; by default the paper's preset.")
 @click.option(
     "--case",
-    "case",
     required=True,
     metavar="NAME",
     shell_complete=case_names,
@@ -68,13 +66,11 @@ def schema() -> None:
 )
 @click.option(
     "--friction",
-    "friction_list",
     metavar="LIST",
     help="Solve a stack, such as 0.3,0.5,0.7,0.9: one map for each friction; the largest is road.friction.",
 )
 @click.option(
     "--longitudinal-acceleration",
-    "acceleration_list",
     metavar="LIST",
     help="Solve a stack over longitudinal acceleration in m/s^2, such as -4,0,3; 0 is the map itself.",
 )
@@ -88,42 +84,33 @@ def schema() -> None:
 )
 @json_option
 def solve(
-    config_path: Path | None,
-    case: str,
-    output: Path,
-    method: Literal["exact", "ipopt"],
-    friction_list: str | None,
-    acceleration_list: str | None,
-    share: float | None,
-    as_json: bool,
+    config: Path | None, output: Path, friction: str | None, longitudinal_acceleration: str | None, as_json: bool, **given: Any
 ) -> None:
     """Solve the optimisation of one case on the configured grid and write the map."""
     from codegen.emit.outputs import check_output
 
     nominal_path = output.with_name(f"{output.stem}-nominal.npz")
-    for path in (output,) if share is None else (output, nominal_path):
-        check_output(path, ".npz", (config_path,))
+    for path in (output,) if given["share"] is None else (output, nominal_path):
+        check_output(path, ".npz", (config,))
     found = codegen.solve(
-        config_path,
-        case,
-        method=method,
-        friction=_numbers(friction_list, "--friction"),
-        longitudinal_acceleration=_numbers(acceleration_list, "--longitudinal-acceleration"),
-        share=share,
+        config,
+        friction=_numbers(friction, "--friction"),
+        longitudinal_acceleration=_numbers(longitudinal_acceleration, "--longitudinal-acceleration"),
+        **given,
         progress=console.shown,
     )
     if found.nominal is not None:
         found.nominal.save(nominal_path)
     found.save(output)
-    if config_path is None and not as_json:
+    if config is None and not as_json:
         console.note("no --config: using the paper's preset")
     show(found, as_json)
 
 
 @cli.command(short_help="Generate the C of a map.", epilog=example("codegen build --map 4ws2.npz"))
-@click.option("--map", "map_path", required=True, type=map_file, metavar="MAP.npz")
-@click.option("--config", "config_path", type=configuration_file, help="ars.toml; by default the map's own configuration.")
-@click.option("-o", "--output", type=folder_to_write, metavar="DIR", help="By default generated/<name of the map>.")
+@click.option("--map", required=True, type=map_file, metavar="MAP.npz")
+@click.option("--config", type=configuration_file, help="ars.toml; by default the map's own configuration.")
+@click.option("-o", "--output", "folder", type=folder_to_write, metavar="DIR", help="By default generated/<name of the map>.")
 @click.option("--prefix", default="ars", show_default=True, help="Prefix of all C names.")
 @click.option("--precision", type=click.Choice(["single", "double"]), default="single", show_default=True)
 @click.option(
@@ -140,44 +127,21 @@ def solve(
     "--storage", type=click.Choice(["float", "int16"]), help="Number format with chosen breakpoints; by default float."
 )
 @click.option("--beyond-grip", is_flag=True, help="Accept a map that requires more lateral acceleration than road tyres reach.")
-@click.option("--check", is_flag=True, help="Write nothing; exit 1 if DIR is not up to date.")
+@click.option("--check", "write", flag_value=False, default=True, help="Write nothing; exit 1 if DIR is not up to date.")
 @json_option
-def build(
-    map_path: Path,
-    config_path: Path | None,
-    output: Path | None,
-    prefix: str,
-    precision: Literal["single", "double"],
-    max_error: str | None,
-    max_flash: str | None,
-    storage: Literal["float", "int16"] | None,
-    beyond_grip: bool,
-    check: bool,
-    as_json: bool,
-) -> None:
+def build(as_json: bool, **given: Any) -> None:
     """Generate the C of a map: controller, lookup, dynamics, CMake, README, manifest."""
-    found = codegen.build(
-        map_path,
-        output,
-        config=config_path,
-        prefix=prefix,
-        precision=precision,
-        max_error=max_error,
-        max_flash=max_flash,
-        storage=storage,
-        beyond_grip=beyond_grip,
-        write=not check,
-        progress=console.shown,
-    )
-    show(found, as_json)
+    show(codegen.build(**given, progress=console.shown), as_json)
 
 
 @cli.command(short_help="Reproduce the paper's tables and plots.", epilog=example("codegen paper -o build"))
-@click.option("-o", "--output", required=True, type=folder_to_write, metavar="DIR", help="Folder for maps, C, plots and runs.")
+@click.option(
+    "-o", "--output", "folder", required=True, type=folder_to_write, metavar="DIR", help="Folder for maps, C, plots and runs."
+)
 @json_option
-def paper(output: Path, as_json: bool) -> None:
+def paper(folder: Path, as_json: bool) -> None:
     """Reproduce the paper: solve its three maps, build the C, run C1 and C2, compare its tables with ours."""
-    show(codegen.paper(output, progress=console.shown), as_json)
+    show(codegen.paper(folder, progress=console.shown), as_json)
 
 
 def _numbers(text: str | None, place: str) -> list[float] | None:

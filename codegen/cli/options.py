@@ -95,7 +95,7 @@ def scenario_names(context: click.Context, parameter: click.Parameter, incomplet
 def case_names(context: click.Context, parameter: click.Parameter, incomplete: str) -> Items:
     """Return the cases of the ars.toml on the command line, or else those of the presets, and the cases for comparison."""
     del parameter
-    names = dict.fromkeys((*_cases(context.params.get("config_path")), *FOR_COMPARISON))
+    names = dict.fromkeys((*_cases(context.params.get("config")), *FOR_COMPARISON))
     return [_item(name) for name in names if name.startswith(incomplete)]
 
 
@@ -217,12 +217,9 @@ DEFAULT_SCENARIO = "step-steer"
 SCENARIO_HELP = "One of codegen scenarios, a recorded .csv, or a .toml of your own."
 OUTPUT_HELP = "Write the run: .mf4, .parquet, .mat or .csv; may be repeated."
 
-build_option = click.option(
-    "--build", "build_path", required=True, type=build_folder, metavar="DIR", help="A folder made by codegen build."
-)
+build_option = click.option("--build", required=True, type=build_folder, metavar="DIR", help="A folder made by codegen build.")
 database_option = click.option(
     "--dbc",
-    "databases",
     multiple=True,
     type=FileType((".dbc", ".arxml")),
     metavar="FILE",
@@ -233,7 +230,6 @@ channel_option = click.option(
 )
 signals_option = click.option(
     "--signals",
-    "names_path",
     type=configuration_file,
     metavar="TOML",
     help="names.toml: names, units and signs of the signals, column of the time, channel, if they are not obvious.",
@@ -295,7 +291,7 @@ def drift_options(command: Command) -> Command:
     )(command)
     return click.option(
         "--clock-drift",
-        "drift_ppm",
+        "clock_drift_ppm",
         type=FiniteRange(min=-1e4, max=1e4),
         metavar="PPM",
         help="Let the car's clock run faster than the ECU's.",

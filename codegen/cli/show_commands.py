@@ -12,13 +12,13 @@ from collections.abc import Iterator
 from html import escape
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 import codegen
 from codegen import console
-from codegen.cli.base import cli, example, json_option
+from codegen.cli.base import cli, example, in_options, json_option
 from codegen.cli.base import show as show_result
 from codegen.cli.options import (
     build_folder,
@@ -43,34 +43,34 @@ SHOW_EXAMPLE = "codegen show 4ws2.npz --plot map.png\n  codegen show 4ws2.npz --
 
 
 @cli.command(short_help="Print the contents of a map, or plot it.", epilog=example(SHOW_EXAMPLE))
-@click.argument("map_path", metavar="MAP.npz", type=map_file)
+@click.argument("map", metavar="MAP.npz", type=map_file)
+@click.option("--plot", type=picture_to_write, metavar="PNG", help="Also draw it: the map, both maps, or error against flash.")
 @click.option(
-    "--plot", "plot", type=picture_to_write, metavar="PNG", help="Also draw it: the map, both maps, or error against flash."
+    "--against", "second", type=map_file, metavar="OTHER.npz", help="Print the changes from this map to another one instead."
 )
-@click.option("--against", type=map_file, metavar="OTHER.npz", help="Print the changes from this map to another one instead.")
 @click.option(
     "--flash",
     is_flag=True,
     help="Print the flash size of chosen breakpoints for errors from 1 to 0.02 deg/s instead; takes minutes.",
 )
-@click.option("--config", "config_path", type=configuration_file, help="With --flash: ars.toml with the kind of controller.")
+@click.option("--config", type=configuration_file, help="With --flash: ars.toml with the kind of controller.")
 @json_option
-def show(map_path: Path, plot: Path | None, against: Path | None, flash: bool, config_path: Path | None, as_json: bool) -> None:
+def show(map: Path, plot: Path | None, second: Path | None, flash: bool, config: Path | None, as_json: bool) -> None:
     """Print a map: axes, units, ranges, feasibility and binding constraints, and the judgement of the car."""
     from codegen.emit.outputs import check_output
 
-    check_output(plot, ".png", (map_path, config_path, against))
-    if against is not None and flash:
+    check_output(plot, ".png", (map, config, second))
+    if second is not None and flash:
         raise CodegenError("cannot be combined with --flash", where="--against", remedy="leave one of them out")
-    if config_path is not None and not flash:
+    if config is not None and not flash:
         raise CodegenError("has no effect here", where="--config", remedy="add --flash, or leave it out")
     found: codegen.Map | codegen.Difference | codegen.FlashSizes
     if flash:
-        found = codegen.flash_sizes(map_path, config_path, progress=console.shown)
-    elif against is not None:
-        found = codegen.compare(map_path, against, progress=console.shown)
+        found = codegen.flash_sizes(map, config, progress=console.shown)
+    elif second is not None:
+        found = codegen.compare(map, second, progress=console.shown)
     else:
-        found = codegen.load_map(map_path)
+        found = codegen.load_map(map)
     if plot is not None:
         with console.status("drawing"):
             found.plot(plot)
@@ -84,7 +84,7 @@ REPORT_EXAMPLE = (
 
 
 @cli.command(short_help="Write an HTML report of a map, a build and its runs.", epilog=example(REPORT_EXAMPLE))
-@click.option("--map", "map_path", required=True, type=map_file, metavar="MAP.npz")
+@click.option("--map", required=True, type=map_file, metavar="MAP.npz")
 @click.option(
     "--compare",
     multiple=True,
@@ -92,7 +92,7 @@ REPORT_EXAMPLE = (
     metavar="MAP.npz",
     help="A map to compare with; may be repeated. By default that of the same car without rear steering.",
 )
-@click.option("--build", "build_path", type=build_folder, metavar="DIR", help="A folder made by codegen build.")
+@click.option("--build", type=build_folder, metavar="DIR", help="A folder made by codegen build.")
 @click.option(
     "--run",
     "runs",
@@ -109,44 +109,25 @@ REPORT_EXAMPLE = (
     help="Scenario of the recordings, or scenario to simulate.",
 )
 @channel_option
-@click.option("--no-simulation", is_flag=True, help="Simulate nothing; show only the given files.")
-@click.option("-o", "--output", required=True, type=report_to_write, metavar="HTML", help="The report to write.")
+@click.option(
+    "--no-simulation", "simulate", flag_value=False, default=True, help="Simulate nothing; show only the given files."
+)
+@click.option("-o", "--output", "path", required=True, type=report_to_write, metavar="HTML", help="The report to write.")
 @json_option
-def report(
-    map_path: Path,
-    compare: tuple[Path, ...],
-    build_path: Path | None,
-    runs: tuple[str, ...],
-    scenario: str | None,
-    channel: str | None,
-    no_simulation: bool,
-    output: Path,
-    as_json: bool,
-) -> None:
+def report(as_json: bool, **given: Any) -> None:
     """Write one self-contained HTML file: maps, curves, runs, margins, faults, timing, verification, manifest.
 
     With --build, the C is simulated together with other controllers and the passive car, and bus faults are injected, unless
     --run provides the results. The file works offline.
     """
-    found = codegen.report(
-        map_path,
-        output,
-        compare=compare,
-        build=build_path,
-        runs=runs,
-        scenario=scenario,
-        channel=channel,
-        simulate=not no_simulation,
-        progress=console.shown,
-    )
-    show_result(found, as_json)
+    show_result(codegen.report(**given, progress=console.shown), as_json)
 
 
 @cli.command(
     short_help="Change settings on a local web page; see map and margins.", epilog=example("codegen explore --map 4ws2.npz")
 )
-@click.option("--map", "map_path", required=True, type=map_file, metavar="MAP.npz", help="A map made by codegen solve.")
-@click.option("--config", "config_path", type=configuration_file, help="ars.toml; by default the map's own configuration.")
+@click.option("--map", required=True, type=map_file, metavar="MAP.npz", help="A map made by codegen solve.")
+@click.option("--config", type=configuration_file, help="ars.toml; by default the map's own configuration.")
 @click.option(
     "--folder",
     type=folder_to_write,
@@ -157,7 +138,7 @@ def report(
     "--port", type=click.IntRange(0, 65535), default=0, show_default=True, help="On 127.0.0.1; 0 selects a free port."
 )
 @click.option("--no-browser", is_flag=True, help="Only print the address.")
-def explore(map_path: Path, config_path: Path | None, folder: Path | None, port: int, no_browser: bool) -> None:
+def explore(map: Path, config: Path | None, folder: Path | None, port: int, no_browser: bool) -> None:
     """Serve a page on this computer to change lambda, limits, friction and gains, until interrupted.
 
     Each change solves the map again and simulates the step response with the generated C. A button writes ars.toml.
@@ -167,9 +148,9 @@ def explore(map_path: Path, config_path: Path | None, folder: Path | None, port:
     from codegen.report.html.page import require_plotly
 
     require_plotly("explore")
-    target = _target(folder, config_path)
-    explorer = opened(map_path, config_path)
-    console.note(*explorer.notes)
+    target = _target(folder, config)
+    explorer = opened(map, config)
+    console.note(*map(in_options, explorer.notes))
     with ExploreServer(explorer, target, port) as server:
         _serve(server, browser=not no_browser)
 

@@ -28,7 +28,7 @@ from codegen.errors import CodegenError
 
 SETTINGS = ("speed_km_h", "steering_wheel_angle_deg")
 OF_A_SCENARIO = (
-    *("map_path", "scenario", *SETTINGS, "baselines", "plant", "through_can", "drift_ppm", "jitter_ms", "sensors", "seed"),
+    *("map", "scenario", *SETTINGS, "baselines", "plant", "through_can", "clock_drift_ppm", "jitter_ms", "sensors", "seed"),
     "csv",
 )
 """Parameters that cannot be combined with --suite."""
@@ -40,8 +40,8 @@ OF_A_SCENARIO = (
         "codegen sil --build generated/4ws2 --plot run.png\n  codegen sil --build generated/4ws2 --scenario slalom --baselines"
     ),
 )
-@click.option("--build", "build_path", type=build_folder, metavar="DIR", help="A folder made by codegen build.")
-@click.option("--map", "map_path", type=map_file, metavar="MAP.npz", help="Use the car of this map instead of the build's.")
+@click.option("--build", type=build_folder, metavar="DIR", help="A folder made by codegen build.")
+@click.option("--map", type=map_file, metavar="MAP.npz", help="Use the car of this map instead of the build's.")
 @scenario_option
 @click.option(
     "--speed-km-h", type=FiniteRange(min=1.0, max=400.0), metavar="KM/H", help="Speed, for scenarios that accept one."
@@ -72,7 +72,6 @@ OF_A_SCENARIO = (
 @click.option("--cars", type=click.IntRange(1, 1000), metavar="N", help="Number of random cars of --suite cars; by default 8.")
 @click.option(
     "--limits",
-    "limits_path",
     type=configuration_file,
     metavar="TOML",
     help="With --suite: limits that differ from the suite's own, such as overshoot_percent = 5.0.",
@@ -80,7 +79,7 @@ OF_A_SCENARIO = (
 @output_option(f"{OUTPUT_HELP} With --suite: the folder for all its pictures.", "FILE|DIR")
 @result_options
 @click.pass_context
-def sil(context: click.Context, /, suite: str | None, cars: int | None, limits_path: Path | None, **given: Any) -> None:
+def sil(context: click.Context, /, suite: str | None, cars: int | None, limits: Path | None, **given: Any) -> None:
     """Run the generated C in closed loop with a simulated car, software in the loop.
 
     --suite is the earlier form of `codegen suite`.
@@ -90,29 +89,22 @@ def sil(context: click.Context, /, suite: str | None, cars: int | None, limits_p
         _refuse_with_suite(context, "seed" if suite == "cars" else "")
         seed = given["seed"] if seeded else None
         note = f"`codegen suite {suite}` is the new form of `codegen sil --suite {suite}`"
-        named = {key: given[key] for key in ("build_path", "plot", "files", "as_json")}
-        SuiteChoices(**named, cars=cars, seed=seed, limits_path=limits_path).run(suite, note)
+        named = {key: given[key] for key in ("build", "plot", "files", "as_json")}
+        SuiteChoices(**named, cars=cars, seed=seed, limits=limits).run(suite, note)
         return
     if cars is not None:
         raise CodegenError("random cars belong to their suite", where="--cars", remedy="use codegen suite cars")
-    if limits_path is not None:
+    if limits is not None:
         raise CodegenError("limits belong to a suite", where="--limits", remedy="use codegen suite tracking or cars")
-    if given["build_path"] is None:
+    if given["build"] is None:
         raise CodegenError("no build is named", where="--build", remedy="`codegen build` makes one; or use codegen suite")
     chosen = Outputs(**{key: given.pop(key) for key in OUTPUTS}, **{key: given[key] for key in SHARED})
-    chosen.check(given["map_path"])
-    run = codegen.run(
-        given.pop("build_path"),
-        map=given.pop("map_path"),
-        clock_drift_ppm=given.pop("drift_ppm"),
-        progress=console.shown,
-        **given,
-    )
-    chosen.finish(run)
+    chosen.check(given["map"])
+    chosen.finish(codegen.run(**given, progress=console.shown))
 
 
 OUTPUTS = ("plot", "csv", "files", "as_json")
-SHARED = ("scenario", "drift_ppm", "jitter_ms", "sensors", "seed")
+SHARED = ("scenario", "clock_drift_ppm", "jitter_ms", "sensors", "seed")
 """Options that the outputs of a run need, and those that the run itself needs too."""
 
 

@@ -21,20 +21,18 @@ SUITES = ("tracking", "cars", "references")
 class SuiteChoices:
     """Options of a suite: a picture of the overview, or a folder for all pictures."""
 
-    build_path: Path | None
+    build: Path | None
     plot: Path | None
     files: tuple[Path, ...]
     cars: int | None
     seed: int | None
-    limits_path: Path | None
+    limits: Path | None
     as_json: bool
 
     def run(self, name: str, note: str = "") -> None:
         """Run a suite, draw its pictures, and print and judge its results after a note. Raises CodegenError, CheckFailed."""
         self._check(name)
-        found = codegen.suite(
-            self.build_path, name, cars=self.cars, seed=self.seed, limits=self.limits_path, progress=console.shown
-        )
+        found = codegen.suite(self.build, name, cars=self.cars, seed=self.seed, limits=self.limits, progress=console.shown)
         if self.plot is not None:
             found.plot(self.plot)
         for folder in self.files:
@@ -70,7 +68,6 @@ class SuiteChoices:
 @click.argument("name", metavar="tracking|cars|references", shell_complete=lambda *_: list(SUITES))
 @click.option(
     "--build",
-    "build_path",
     type=build_folder,
     metavar="DIR",
     help="A build; by default the recommended preset.",
@@ -79,7 +76,6 @@ class SuiteChoices:
 @click.option("--seed", type=click.IntRange(min=0), help="Seed of the random cars; by default 1.")
 @click.option(
     "--limits",
-    "limits_path",
     type=configuration_file,
     metavar="TOML",
     help="Limits that differ from the suite's own, such as overshoot_percent = 5.0.",
@@ -89,10 +85,10 @@ class SuiteChoices:
 @json_option
 def suite(
     name: str,
-    build_path: Path | None,
+    build: Path | None,
     cars: int | None,
     seed: int | None,
-    limits_path: Path | None,
+    limits: Path | None,
     plot: Path | None,
     folder: Path | None,
     as_json: bool,
@@ -109,7 +105,5 @@ def suite(
     references zero-sideslip, variable-wheelbase and envelope. Nothing is judged.
     """
     files = () if folder is None else (folder,)
-    chosen = SuiteChoices(
-        build_path=build_path, plot=plot, files=files, cars=cars, seed=seed, limits_path=limits_path, as_json=as_json
-    )
+    chosen = SuiteChoices(build=build, plot=plot, files=files, cars=cars, seed=seed, limits=limits, as_json=as_json)
     chosen.run(name)

@@ -23,10 +23,10 @@ EXAMPLE = (
 
 
 @cli.command(short_help="Simulate thousands of cars, roads and manoeuvres.", epilog=example(EXAMPLE))
-@click.option("--spec", "spec_path", type=configuration_file, metavar="TOML", help="What varies; see the guide.")
+@click.option("--spec", type=configuration_file, metavar="TOML", help="What varies; see the guide.")
 @click.option(
     "--from",
-    "measured_path",
+    "measured",
     type=configuration_file,
     metavar="TOML",
     help="Draw the cars from the uncertainty that codegen identify wrote into this file. Without --spec: 1000 cars, step steer "
@@ -35,6 +35,7 @@ EXAMPLE = (
 @click.option(
     "-o",
     "--output",
+    "folder",
     type=folder_to_write,
     metavar="DIR",
     help="Folder of the campaign; an interrupted campaign resumes there. With --replay: reject inputs that differ.",
@@ -48,20 +49,22 @@ EXAMPLE = (
     type=click.Choice(["x86-64-v4", "x86-64-v3", "none"]),
     help="Vector instructions of the plant; by default the best of this machine. A cluster needs one that all machines have.",
 )
-@click.option("--replay", type=click.IntRange(min=0), metavar="RUN", help="Repeat one run of the campaign by its number.")
+@click.option(
+    "--replay", "run", type=click.IntRange(min=0), metavar="RUN", help="Repeat one run of the campaign by its number."
+)
 @click.option("--plot", type=picture_to_write, metavar="PNG", help="With --replay: draw the run.")
 @click.option(
     "--run", "run_path", type=run_to_write, metavar="FILE", help="With --replay: write it as .mf4, .parquet, .mat or .csv."
 )
 @json_option
 def sweep(
-    spec_path: Path | None,
-    measured_path: Path | None,
-    output: Path | None,
+    spec: Path | None,
+    measured: Path | None,
+    folder: Path | None,
     scheduler: str | None,
     workers: int | None,
     isa: Isa | None,
-    replay: int | None,
+    run: int | None,
     plot: Path | None,
     run_path: Path | None,
     as_json: bool,
@@ -74,29 +77,29 @@ def sweep(
     from codegen.emit.outputs import check_output
     from codegen.export.runs import check_formats
 
-    if spec_path is None and measured_path is None:
+    if spec is None and measured is None:
         remedy = "give --spec sweep.toml or --from identified.toml"
         raise CodegenError("nothing says what varies", where="--spec", remedy=remedy)
-    if replay is not None:
+    if run is not None:
         _refuse("--replay", {"--scheduler": scheduler, "--workers": workers})
         for path, suffix in ((plot, ".png"), (run_path, "" if run_path is None else run_path.suffix.lower())):
-            check_output(path, suffix, (spec_path, measured_path))
+            check_output(path, suffix, (spec, measured))
         if run_path is not None:
             check_formats((run_path,))
-        run = codegen.replay(spec_path, replay, measured=measured_path, folder=output, isa=isa, progress=console.shown)
+        found = codegen.replay(spec, run, measured=measured, folder=folder, isa=isa, progress=console.shown)
         if run_path is not None:
-            run.save(run_path)
+            found.save(run_path)
         if plot is not None:
-            run.plot(plot)
-        show(run, as_json)
+            found.plot(plot)
+        show(found, as_json)
         return
     _refuse("a campaign", {"--plot": plot, "--run": run_path})
-    if output is None:
+    if folder is None:
         raise CodegenError("no folder is named", where="-o", remedy="name one for the campaign, or give --replay RUN")
     found = codegen.sweep(
-        spec_path,
-        output,
-        measured=measured_path,
+        spec,
+        folder,
+        measured=measured,
         scheduler=scheduler,
         workers=workers,
         isa=isa,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -13,8 +14,8 @@ from codegen.cli.options import configuration_file, map_file, map_to_write
 
 
 @cli.command(short_help="Design the gains of a map's controller.", epilog=example("codegen tune --map map.npz -o map.npz"))
-@click.option("--map", "map_path", required=True, type=map_file, metavar="MAP.npz")
-@click.option("--config", "config_path", type=configuration_file, help="ars.toml; by default the map's own configuration.")
+@click.option("--map", required=True, type=map_file, metavar="MAP.npz")
+@click.option("--config", type=configuration_file, help="ars.toml; by default the map's own configuration.")
 @click.option(
     "-o",
     "--output",
@@ -24,7 +25,7 @@ from codegen.cli.options import configuration_file, map_file, map_to_write
     help="The map to write; may be the input map.",
 )
 @json_option
-def tune(map_path: Path, config_path: Path | None, output: Path, as_json: bool) -> None:
+def tune(output: Path, as_json: bool, **given: Any) -> None:
     """Design the gains over speed such that the whole family of [tuning] keeps its margins, and store them in the map.
 
     Deviations that codegen identify measured replace those of [tuning].
@@ -38,7 +39,7 @@ def tune(map_path: Path, config_path: Path | None, output: Path, as_json: bool) 
     """
     from codegen.emit.outputs import check_output
 
-    check_output(output, ".npz", (config_path,))
-    found = codegen.tune(map_path, config_path, progress=console.shown)
+    check_output(output, ".npz", (given["config"],))
+    found = codegen.tune(**given, progress=console.shown)
     found.save(output)
     show(found, as_json)

@@ -171,7 +171,7 @@ def _passive_gain(config: Config, speed: FloatArray) -> FloatArray:
         raise MapError(
             f"the car is unstable from {car.critical_speed * 3.6:.0f} km/h and the map reaches {speed[-1] * 3.6:.0f} km/h",
             where="vx",
-            remedy="build with the configuration of the car that the map is for (--config)",
+            remedy="build with the configuration of the car that the map is for (`config=`)",
         )
     return car.yaw_gain(speed)
 

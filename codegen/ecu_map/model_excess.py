@@ -37,7 +37,7 @@ EDGE_ALLOWANCE = 0.0075
 """Fraction of the yaw rate that is not counted at the edge itself, where the last cell of a grid cuts across the kink. It is
 less than the 1 % to which a slip bound is kept, because the slip grows 1.3 times as fast as the yaw rate there."""
 
-COARSE = "a finer [grid], or codegen build --max-error, brings what is interpolated closer to the optimum"
+COARSE = "a finer [grid], or a build with `max_error=`, brings what is interpolated closer to the optimum"
 """Remedy where no trim is enough."""
 
 

@@ -150,16 +150,16 @@ def _within_error(maker: Maker, request: Request, max_error: float) -> Placed:
         if max_error <= maker.gap:
             cause = f"is less than the {_degrees(maker.gap, up=True)} that the fine grid of the optimum is off by itself"
         if request.max_flash is not None:
-            raise BuildError(f"{_degrees(max_error)} {cause}", where="--max-error", remedy=_in_flash(maker, request.max_flash))
+            raise BuildError(f"{_degrees(max_error)} {cause}", where="`max_error=`", remedy=_in_flash(maker, request.max_flash))
         raise BuildError(
             f"{_degrees(max_error)} {cause}",
-            where="--max-error",
+            where="`max_error=`",
             remedy=f"give more; {_reachable(maker, max_error)} can be reached for certain, and what lies between was not tried",
         )
     if request.max_flash is not None and placed.flash_bytes > request.max_flash:
         raise BuildError(
             f"{_degrees(max_error)} takes {placed.flash_bytes} bytes, more than {request.max_flash}",
-            where="--max-error, --max-flash",
+            where="`max_error=`, `max_flash=`",
             remedy=_in_flash(maker, request.max_flash),
         )
     return placed
@@ -176,7 +176,7 @@ def _within_flash(maker: Maker, request: Request) -> Placed:
     if placed is None:
         raise BuildError(
             f"{request.max_flash} bytes hold no table",
-            where="--max-flash",
+            where="`max_flash=`",
             remedy=f"the smallest one takes {maker.least_bytes} bytes",
         )
     return placed

@@ -116,8 +116,7 @@ def schedule_of(config: Config) -> Schedule:
         raise BuildError(
             'the kind "tracking" has no gain schedule yet',
             where="controller.tracking.schedule",
-            remedy="compute one into the map with `codegen tune --map MAP.npz -o MAP.npz` (with --config ars.toml if that was "
-            "edited), and build from the map without --config",
+            remedy="tune the map (with `config=` if ars.toml was edited), and build from the map without `config=`",
         )
     return schedule
 

@@ -390,13 +390,13 @@ def _check_apart(key: str, constants: AxisConstants) -> None:
         raise MapError(
             f"the breakpoints {values[0]:.9g} and {values[1]:.9g} are equal in this precision",
             where=key,
-            remedy="remove one of them, or build with --precision double",
+            remedy="remove one of them, or build with `precision='double'`",
         )
     if constants.unevenness > 0.5 * EVENNESS:
         raise MapError(
             "steps too small for this precision: rounding makes them uneven",
             where=key,
-            remedy="remove every second breakpoint, or build with --precision double",
+            remedy="remove every second breakpoint, or build with `precision='double'`",
         )
 
 

@@ -38,13 +38,12 @@ def check_output(path: Path | None, suffix: str, inputs: Iterable[Path | None] =
             raise CodegenError("it lies inside a build", where=path, remedy=f"name a file outside of {folder}")
 
 
-def refuse_folder(target: Path, what: str, title: str, option: str = "-o") -> None:
+def refuse_folder(target: Path, what: str, title: str) -> None:
     """Check that writing a project to a folder destroys nothing.
 
     Args:
         what: manifest entry of the project.
         title: its name in messages, such as "a firmware project".
-        option: the option that names the folder.
 
     Raises:
         BuildError: the folder holds generated output of another kind, or a project in which a file was changed; or it lies
@@ -58,7 +57,7 @@ def refuse_folder(target: Path, what: str, title: str, option: str = "-o") -> No
         return
     if (found := read_manifest(place).get("what")) != what:
         holds = "a build" if found is None else "another kind of project"
-        raise BuildError(f"it is {holds}, not {title}", where=target, remedy=f"choose another folder with {option}")
+        raise BuildError(f"it is {holds}, not {title}", where=target, remedy="choose another folder")
     if changed := verify_hashes(place):
-        remedy = f"nothing was changed; choose another folder with {option}, or move that one away"
+        remedy = "nothing was changed; choose another folder, or move that one away"
         raise BuildError(f"{changed[0]} was changed since it was written", where=target, remedy=remedy)

@@ -84,11 +84,11 @@ def comment_text(text: str) -> str:
 def check_prefix(prefix: str) -> str:
     """Return `prefix` if C names may start with it. Raises BuildError otherwise."""
     if prefix in _RESERVED:
-        raise BuildError(f"{prefix!r} is a reserved word", where="--prefix", remedy="use another one, such as ars")
+        raise BuildError(f"{prefix!r} is a reserved word", where="`prefix=`", remedy="use another one, such as ars")
     if not _PREFIX.match(prefix) or prefix.endswith("_") or "__" in prefix:
         raise BuildError(
             f"{prefix!r} cannot start C names",
-            where="--prefix",
+            where="`prefix=`",
             remedy="use a lower-case letter, then letters, digits and single underscores, at most 31, such as ars",
         )
     return prefix

@@ -58,20 +58,17 @@ def write_folder(folder: Folder, target: Path) -> bool:
         return True
 
 
-def check_target(target: Path, option: str = "-o") -> None:
+def check_target(target: Path) -> None:
     """Reject a target that `write_folder` would reject, before any work: a file, or a folder with other content.
-
-    Args:
-        option: the option that names it.
 
     Raises:
         BuildError: the target is rejected; the message names the content.
     """
-    _refuse_foreign(Path(os.path.realpath(target)), target, option)
+    _refuse_foreign(Path(os.path.realpath(target)), target)
 
 
-def _refuse_foreign(place: Path, target: Path, option: str = "-o") -> None:
-    remedy = f"nothing was changed; choose another folder with {option}, or move it away"
+def _refuse_foreign(place: Path, target: Path) -> None:
+    remedy = "nothing was changed; choose another folder, or move it away"
     if not place.name or (os.path.lexists(place) and not place.is_dir()):
         raise BuildError("not a folder that a build can be written to", where=target, remedy=remedy)
     if place.is_dir() and (stray := next(foreign_paths(entries(place), owned_paths(place)), None)) is not None:

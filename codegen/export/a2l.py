@@ -190,7 +190,7 @@ def _found(elf: Elf, prefix: str, wanted: str | None) -> _Instance:
     for what, found in (("task", tasks), ("controller", controllers)):
         if len(found) > 1:
             raise BuildError(
-                f"several objects of {prefix}_{what}_t: {', '.join(found)}", where=elf.name, remedy="choose one by --instance"
+                f"several objects of {prefix}_{what}_t: {', '.join(found)}", where=elf.name, remedy="choose one by `instance=`"
             )
         if found:
             return _Instance(found[0], "task" if what == "task" else "controller")

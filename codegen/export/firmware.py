@@ -98,7 +98,7 @@ def project(build: Path) -> Project:
     manifest = read_build(build)
     if manifest["options"]["precision"] != "single":
         what = "it computes in double precision, and the FPU of a Cortex-M4F is single"
-        raise BuildError(what, where=build, remedy="build with --precision single")
+        raise BuildError(what, where=build, remedy="build with `precision='single'`")
     software = load(build)
     files = {
         f"controller/{path}": content
@@ -249,14 +249,16 @@ def choose_toolchain(wanted: str | None) -> Toolchain:
     if wanted == "zig":
         raise CodegenError("it is not installed", where="ziglang", remedy=pip_install("ziglang"))
     remedy = "install it (Debian, Ubuntu: apt install gcc-arm-none-eabi)"
-    raise CodegenError("it is not installed", where=GCC, remedy=f"{remedy}, or take --toolchain zig ({pip_install('ziglang')})")
+    raise CodegenError(
+        "it is not installed", where=GCC, remedy=f"{remedy}, or take `toolchain='zig'` ({pip_install('ziglang')})"
+    )
 
 
 def require_tools() -> None:
     """Raise CodegenError if make or QEMU is missing."""
     for program, package in (("make", "make"), (QEMU, "qemu-system-arm")):
         if shutil.which(program) is None:
-            remedy = f"install it (Debian, Ubuntu: apt install {package}), or leave out --run"
+            remedy = f"install it (Debian, Ubuntu: apt install {package}), or leave out `run=True`"
             raise CodegenError("it is not installed", where=program, remedy=remedy)
 
 

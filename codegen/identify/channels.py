@@ -128,7 +128,7 @@ def _distinct(channels: Sequence[Channel]) -> list[Channel]:
 
 def _bus_log(path: Path, databases: Databases, channel: str | None) -> Log:
     if not databases.paths:
-        raise CodegenError("the log of a bus needs its database", where=path, remedy="give the DBC or ARXML with --dbc")
+        raise CodegenError("the log of a bus needs its database", where=path, remedy="give the DBC or ARXML with `dbc=`")
     log = open_bus_log(path, databases, channel)
     found = log.allotment
     keys = [*found.keys, *found.conflicts]
@@ -136,7 +136,7 @@ def _bus_log(path: Path, databases: Databases, channel: str | None) -> Log:
         named = ", ".join(each.name for each in databases.paths)
         what = f"none of its {len(log.frames)} frames is in {named}" if len(log.frames) else "it has no frame that is read"
         what += f" ({'; '.join(log.findings[:CAUSES_SHOWN])})" if log.findings else ""
-        remedy = "give the database of this bus with --dbc" if len(log.frames) else "give a log with frames"
+        remedy = "give the database of this bus with `dbc=`" if len(log.frames) else "give a log with frames"
         raise CodegenError(what, where=path, remedy=remedy)
     parts = {(key, index): _Message(defined, log, key) for key in keys for index, defined in enumerate(databases.messages[key])}
     with damage(path, "log with this database"):

@@ -117,7 +117,7 @@ def signals_of(names: Names | None) -> tuple[str, ...]:
     signals = tuple(name for name in given if name not in without)
     for needed in (("vx",), ("yaw_rate",), ("delta_f", "steering_wheel_angle")):
         if not set(needed) & set(signals):
-            raise CodegenError(f"{' or '.join(needed)} is not measured", where="--signals", remedy="name its signal")
+            raise CodegenError(f"{' or '.join(needed)} is not measured", where="`signals=`", remedy="name its signal")
     return signals
 
 
@@ -134,7 +134,7 @@ def candidates_of(
     found = library(config, lateral_acceleration_max, has_rear_command=has_rear_command, levels=levels)
     if not found:
         what = f"no drive of the library keeps {lateral_acceleration_max:g} m/s^2"
-        raise CodegenError(what, where="--lateral-acceleration-max", remedy="raise it, or check the configured car")
+        raise CodegenError(what, where="`lateral_acceleration_max=`", remedy="raise it, or check the configured car")
     return found, information_of([each.drive for each in found], config, signals)
 
 
@@ -157,7 +157,7 @@ def plan_drives(
     durations = np.array([each.duration for each in candidates])
     if durations.min() > duration_max:
         what = f"{duration_max:g} s is less than the shortest drive, {durations.min():g} s"
-        raise CodegenError(what, where="--duration", remedy="make it longer")
+        raise CodegenError(what, where="`duration=`", remedy="make it longer")
     chosen = select(information.each, durations, of_interest(information.parameters), duration_max)
     chosen = sorted(chosen, key=lambda k: (candidates[k].manoeuvre.front is not None, candidates[k].speed, k))
     total = information.each[chosen].sum(axis=0)

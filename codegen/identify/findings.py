@@ -56,4 +56,4 @@ def refuse_contradictions(findings: Iterable[Finding]) -> None:
     for each in findings:
         if each.kind == CONTRADICTION:
             what, _, remedy = each.text.partition("; ")
-            raise CodegenError(what, where=f"{each.drive}: {each.quantity}", remedy=f"{remedy} in names.toml, for --signals")
+            raise CodegenError(what, where=f"{each.drive}: {each.quantity}", remedy=f"{remedy} in names.toml, for `signals=`")

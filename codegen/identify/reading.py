@@ -301,7 +301,7 @@ def _not_clear(group: Sequence[str], unclear: Mapping[str, Sequence[Channel]], l
     offered = f"there is {names}{more}" if names else "there is none"
     if several and log.conflicts:
         offered += f" ({'; '.join(log.conflicts)})"
-    return CodegenError(f"{what}; {offered}", where=path, remedy=f"put a line such as {line} into names.toml, for --signals")
+    return CodegenError(f"{what}; {offered}", where=path, remedy=f"put a line such as {line} into names.toml, for `signals=`")
 
 
 def _unit_of(channel: Channel, quantity: Quantity, names: Names, path: Path) -> str:

@@ -26,7 +26,7 @@ RATE_COST_MIN = 20.0
 """Least rise of the cost without a rate limit with which the limit counts as reached: that of 6 standard deviations. Up to the
 limit, the cost does not depend on it, so its curvature at the largest rate that was reached proves nothing."""
 NO_SIDESLIP = (
-    "no drive of --log has sideslip: the common level of cornering stiffnesses and yaw inertia rests on the model, which "
+    "no drive of `logs=` has sideslip: the common level of cornering stiffnesses and yaw inertia rests on the model, which "
     "leaves out roll; measure sideslip if a map is to keep its slip bounds exactly"
 )
 SPEED_FACTOR_CHANGE = 0.05
@@ -114,7 +114,7 @@ def identify(config: Config, drives: Sequence[Drive]) -> Identification:
         is_commanded = samples.has("delta_r_command")
         commanded = "it follows from the command and the configured actuator, which counts as exact"
         source = commanded if is_commanded else "the rear wheels count as straight"
-        notes.append(f"no drive of --log has delta_r: {source}")
+        notes.append(f"no drive of `logs=` has delta_r: {source}")
     _fit_ratio(samples, centre, found)
 
     vehicle, judged = _fit_vehicle(samples, config, centre, rear, found)

@@ -115,17 +115,17 @@ def _read(source: Source, choices: Choices, given: Mapping[str, str]) -> Importe
         raw = _raw(source, found, choices)
         imported = _imported(source, raw, given)
     except CodegenError as error:
-        is_asked = choices.rows is not None or "--rows" in error.remedy
+        is_asked = choices.rows is not None or "rows=" in error.remedy
         if is_asked or not _fits(source, found, turned, given):
             raise
-        remedy = f"{error.remedy}, or is it the other way round? --rows delta_f would fit"
+        remedy = f"{error.remedy}, or is it the other way round? `rows='delta_f'` would fit"
         raise type(error)(error.what, where=error.where, remedy=remedy) from None
     if raw.assumes_rows and _fits(source, found, turned, given):
         raise ImportFault("speeds and front angles could be either way round", where=source.path, remedy=ROWS_WANTED)
     return imported
 
 
-ROWS_WANTED = "give --rows vx if it has a row for each speed, else --rows delta_f"
+ROWS_WANTED = "give `rows='vx'` if it has a row for each speed, else `rows='delta_f'`"
 
 
 def _raw(source: Source, found: Contents | None, choices: Choices) -> RawMap:
@@ -146,7 +146,7 @@ def _imported(source: Source, raw: RawMap, given: Mapping[str, str]) -> Imported
     path = source.path
     stray = sorted(given.keys() - raw.values.keys())
     if stray:
-        raise ImportFault(f"{path.name} has no {stray[0]}", where="--units", remedy="leave it out")
+        raise ImportFault(f"{path.name} has no {stray[0]}", where="`units=`", remedy="leave it out")
     units = _units(raw, given, source)
     quantities.check_units(_judged(raw), units, path)
     arrays = {key: _in_si(array, key, units[key]) for key, array in raw.values.items()}
@@ -155,7 +155,7 @@ def _imported(source: Source, raw: RawMap, given: Mapping[str, str]) -> Imported
     columns = {key: {"name": raw.names[key].text, "unit": units[key]} for key in raw.values}
     reference_map = replace(from_arrays(arrays, path), meta=_meta(source, columns))
     overruled = [
-        f"{name.text} is taken in {given[key]}, as given with --units"
+        f"{name.text} is taken in {given[key]}, as given with `units=`"
         for key, name in raw.names.items()
         if key in given and name.unit not in (None, given[key])
     ]
@@ -191,7 +191,7 @@ def _units(raw: RawMap, given: Mapping[str, str], source: Source) -> dict[str, s
         raise ImportFault(
             f"the unit of {key} is not known",
             where=f"{source.path}: {raw.names[key].text}",
-            remedy=f"add --units {pairs}" + (" (these would fit the values)" if likely else ""),
+            remedy=f"add `units='{pairs}'`" + (" (these would fit the values)" if likely else ""),
         )
     return known
 

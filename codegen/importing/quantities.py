@@ -77,17 +77,16 @@ KIND_OF = {unit: kind for kind, factors in FACTORS.items() for unit in factors}
 
 @dataclass(frozen=True)
 class Quantity:
-    """One array of the map: its key in the file, its kind, the option that names its variable, its common names."""
+    """One array of the map: its key in the file, its kind, its common names."""
 
     key: str
     kind: str
     names: tuple[str, ...]
     required: bool
 
-    @property
-    def option(self) -> str:
-        """Option that names the variable, such as --delta-f."""
-        return "--" + self.key.replace("_", "-")
+    def argument(self, value: str = "") -> str:
+        """Return the argument that names the variable, for messages."""
+        return f"`variables['{self.key}']={value}`"
 
 
 _NAMES = {
@@ -201,7 +200,9 @@ def choose(available: Iterable[str], wanted: Mapping[str, str], where: object, u
         fitting = [name for name in names if name.base in quantity.names and name.text not in taken]
         if len(fitting) > 1:
             both = " and ".join(repr(name.text) for name in fitting[:2])
-            raise ImportFault(f"{both} may both be {quantity.key}", where=where, remedy=f"name one with {quantity.option} NAME")
+            raise ImportFault(
+                f"{both} may both be {quantity.key}", where=where, remedy=f"name one with {quantity.argument('NAME')}"
+            )
         if fitting:
             chosen[quantity.key] = fitting[0]
         elif quantity.required:
@@ -209,7 +210,7 @@ def choose(available: Iterable[str], wanted: Mapping[str, str], where: object, u
             raise ImportFault(
                 f"no variable is called {quantity.key} or the like",
                 where=where,
-                remedy=unread or f"name it with {quantity.option} NAME; there is {has}",
+                remedy=unread or f"name it with {quantity.argument('NAME')}; there is {has}",
             )
     return chosen
 
@@ -226,17 +227,17 @@ def _by_name(text: str, names: list[Name], quantity: Quantity, where: object, un
     raise ImportFault(
         f"{'no' if not found else 'more than one'} variable {text!r}",
         where=where,
-        remedy=f"{quantity.option} takes one of {', '.join(known) or '(none)'}{suggestion(text, known)}",
+        remedy=f"{quantity.argument()} takes one of {', '.join(known) or '(none)'}{suggestion(text, known)}",
     )
 
 
 def parse_units(text: str | None) -> dict[str, str]:
-    """Parse `--units vx=km/h,delta_f=deg` into quantity key -> unit. Raises ImportFault."""
+    """Parse units such as `vx=km/h,delta_f=deg` into quantity key -> unit. Raises ImportFault."""
     units: dict[str, str] = {}
     for part in (text or "").split(",") if text is not None else ():
         left, equals, right = part.partition("=")
         quantity = quantity_named(take_apart(left))
-        place = "--units"
+        place = "`units=`"
         if not equals or quantity is None or quantity.kind == LOGICAL:
             known = ", ".join(key for key, one in QUANTITIES.items() if one.kind != LOGICAL)
             raise ImportFault(f"{part.strip()!r} is no NAME=UNIT", where=place, remedy=f"NAME is one of {known}")
@@ -251,7 +252,7 @@ def parse_units(text: str | None) -> dict[str, str]:
 
 
 def named_unit(key: str, name: Name, given: Mapping[str, str], where: object) -> str | None:
-    """Return the unit of a quantity from --units, else from its name; None where neither has one.
+    """Return the unit of a quantity from `units`, else from its name; None where neither has one.
 
     Raises:
         ImportFault: the name has a unit of another kind, or one that is not known.
@@ -266,7 +267,7 @@ def named_unit(key: str, name: Name, given: Mapping[str, str], where: object) ->
     if name.unknown_unit is not None and key not in given:
         fitting = ", ".join(FACTORS[quantity.kind])
         raise ImportFault(
-            f"{name.unknown_unit!r} is no unit for {key}", where=place, remedy=f"give one of {fitting}, or --units {key}=UNIT"
+            f"{name.unknown_unit!r} is no unit for {key}", where=place, remedy=f"give one of {fitting}, or `units='{key}=UNIT'`"
         )
     return given.get(key, name.unit)
 
@@ -316,7 +317,7 @@ def check_units(values: Mapping[str, FloatArray], units: Mapping[str, str], wher
     guess = _guess(values, units, doubt.keys)
     if guess:
         pairs = ",".join(f"{key}={unit}" for key, unit in guess.items())
-        remedy = f"--units {pairs} would fit"
+        remedy = f"`units='{pairs}'` would fit"
     else:
         remedy = "check the units of all three, and which variable is which"
     raise ImportFault(doubt.what, where=where, remedy=remedy + doubt.hint)

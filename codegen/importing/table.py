@@ -277,11 +277,11 @@ def read_table(source: Source, wanted: Mapping[str, str], rows: Axis | None) -> 
     head = cells.head
     if head is not None and len(head.cells) >= 3 and not any(cells.is_number(cell) for cell in head.cells):
         if rows is not None:
-            raise ImportFault("--rows is for a matrix, this is a list", where=source.path, remedy="leave --rows out")
+            raise ImportFault("`rows=` is for a matrix, this is a list", where=source.path, remedy="leave it out")
         return _long(cells, head, wanted, source)
     if wanted:
-        option = QUANTITIES[next(iter(wanted))].option
-        raise ImportFault(f"{option} is for a table with named columns", where=source.path, remedy=NAMES_WANTED)
+        argument = QUANTITIES[next(iter(wanted))].argument()
+        raise ImportFault(f"{argument} is for a table with named columns", where=source.path, remedy=NAMES_WANTED)
     if head is None:
         return _matrix(cells, cells.body[0], cells.body[1:], rows, source)
     return _matrix(cells, head, cells.body, rows, source)
@@ -363,7 +363,7 @@ def _matrix(cells: Cells, top: Line, body: tuple[Line, ...], rows: Axis | None, 
         )
     names, found = _corner("" if cells.is_number(corner) else corner, place)
     if rows is not None and found is not None and rows != found:
-        raise ImportFault(f"the corner says that the rows are {found}", where=place, remedy="leave --rows out")
+        raise ImportFault(f"the corner says that the rows are {found}", where=place, remedy="leave `rows=` out")
     down = rows or found or "vx"
     across: Axis = "delta_f" if down == "vx" else "vx"
     axes = {

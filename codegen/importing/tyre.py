@@ -235,7 +235,7 @@ def _notes(axles: Sequence[AxleImport], config: Config, peak: Peak) -> list[str]
     notes = []
     for axle in axles:
         if abs(axle.friction / config.road.friction - 1.0) > NOTED_SHARE:
-            taken = f"p1 = {axle.values['peak_factor_p1']:.3g}; --peak road takes the road's instead"
+            taken = f"p1 = {axle.values['peak_factor_p1']:.3g}; `peak='road'` takes the road's instead"
             if peak == "road":
                 taken = "the road's is taken"
             of_file, of_road = f"{axle.friction:.3g}", f"{config.road.friction:g}"

@@ -31,7 +31,7 @@ from codegen.sil.batch import load_batch
 Kind = Literal["configuration", "map", "build"]
 Manifest = Mapping[str, Any]
 
-NO_CAR = "without a configuration there is no car to judge; name one with --config"
+NO_CAR = "without a configuration there is no car to judge; name one with `config=`"
 UNTUNED_NOTE = "the controller has no gains yet, so no margins; next: `codegen tune`"
 
 
@@ -76,7 +76,7 @@ def check_path(
         CodegenError: the path is none of the three, or cannot be read; or a configuration is given, and the path is not a map.
     """
     if config is not None and (path.is_dir() or path.suffix != ".npz"):
-        raise CodegenError("only a map is checked with another configuration", where="--config", remedy="leave it out")
+        raise CodegenError("only a map is checked with another configuration", where="`config=`", remedy="leave it out")
     if path.is_dir():
         return _check_build(path, drive, progress)
     if path.suffix == ".npz":

@@ -45,7 +45,7 @@ class NewBuild(Build):
         elif self.differences:
             count = len(self.differences) - 1
             what = f"not up to date: {self.differences[0]}{f' and {count} more' if count else ''}"
-            self.failure = CheckFailed(what, where=target, remedy="run the same command without --check")
+            self.failure = CheckFailed(what, where=target, remedy="build again without `write=False`")
         else:
             self.notes += tuple(f"the build was made with {each}: the same files" for each in self._other_tools)
 
@@ -134,12 +134,12 @@ def _request(max_error: str | None, max_flash: str | None, storage: Storage | No
     """Return the target for choosing breakpoints; None without one."""
     if max_error is None and max_flash is None:
         if storage is not None:
-            remedy = "add --max-error or --max-flash, such as --max-error 0.05deg/s"
-            raise CodegenError("applies only to chosen breakpoints", where="--storage", remedy=remedy)
+            remedy = "add `max_error=` or `max_flash=`, such as `max_error='0.05deg/s'`"
+            raise CodegenError("applies only to chosen breakpoints", where="`storage=`", remedy=remedy)
         return None
-    with within("--max-error"):
+    with within("`max_error=`"):
         error = None if max_error is None else YAW_RATE.read(max_error)
-    with within("--max-flash"):
+    with within("`max_flash=`"):
         flash = None if max_flash is None else MEMORY.read(max_flash)
     words = [f"--max-error {error.words}"] if error else []
     words += [f"--max-flash {flash.words}"] if flash else []

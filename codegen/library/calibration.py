@@ -179,7 +179,7 @@ def no_format(path: Path) -> CodegenError:
     return CodegenError(
         f"{path.suffix.lower() or 'a name without extension'} is not a format of calibration data",
         where=path,
-        remedy=f"write {', '.join(WRITTEN_ENDINGS)}, or give the image to patch with --image",
+        remedy=f"write {', '.join(WRITTEN_ENDINGS)}, or give the image to patch with `image=`",
     )
 
 

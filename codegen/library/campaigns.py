@@ -46,8 +46,8 @@ class _Given:
     def of(cls, spec: PathLike | None, measured: PathLike | None) -> _Given:
         """Return the paths. Raises CodegenError if there is none."""
         if spec is None and measured is None:
-            remedy = "give --spec sweep.toml or --from identified.toml"
-            raise CodegenError("nothing says what varies", where="--spec", remedy=remedy)
+            remedy = "give `spec=` or `measured=`"
+            raise CodegenError("nothing says what varies", where="`spec=`", remedy=remedy)
         paths = (None if path is None else path_of(path, "the path of a TOML file") for path in (spec, measured))
         return cls(*paths)
 
@@ -157,7 +157,7 @@ def sweep(
     """
     given, place = _Given.of(spec, measured), path_of(folder, "a folder")
     if scheduler is not None and workers is not None:
-        raise CodegenError("the cluster has its own workers", where="--workers", remedy="leave it out")
+        raise CodegenError("the cluster has its own workers", where="`workers=`", remedy="leave it out")
     work = Work(progress, 1 if measured is None else 2)
     plan = given.read(isa, work)
     engine = nullcontext(Threads(workers)) if scheduler is None else closing(Dask(scheduler))

@@ -69,7 +69,7 @@ def compare(first: MapLike, second: MapLike, *, progress: Progress | None = None
     """Compare two maps, or their paths, where both are defined. Raises CodegenError if they have no point in common."""
     one, other = map_of(first), map_of(second)
     if one is other or (one.path is not None and other.path is not None and one.path.samefile(other.path)):
-        raise CodegenError("is the map itself", where=f"--against {place_of(other)}", remedy="name another map")
+        raise CodegenError("is the map itself", where=f"`second=` {place_of(other)}", remedy="name another map")
     with Work(progress).status("comparing"):
         return Difference(one, other)
 

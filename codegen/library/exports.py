@@ -126,7 +126,7 @@ def _fmu(
 ) -> Export:
     """Write a co-simulation FMU of a build, with its sources and the binary for this machine."""
     if bus and model not in ("plant", "ecu"):
-        raise CodegenError(f"{model} has no bus", where="--bus", remedy="give it with --what plant")
+        raise CodegenError(f"{model} has no bus", where="`bus=`", remedy="give it with `model='plant'`")
     kind: What = "bus_plant" if bus and model == "plant" else model
     has_bus = kind in WITH_BUS
     version: Version = fmi or ("3" if has_bus else "2")
@@ -176,7 +176,7 @@ def _arxml(build: Path, path: Path, work: Work, e2e: Protection = "transformer",
 def _firmware(build: Path, path: Path, work: Work, run: bool = False, toolchain: str | None = None) -> Export:
     """Write a small bare-metal project for a Cortex-M4F, which runs the task of a build against a recorded drive."""
     if toolchain is not None and not run:
-        raise CodegenError("it needs --run", where="--toolchain", remedy="add --run, or give TOOLCHAIN=zig to make")
+        raise CodegenError("it needs `run=True`", where="`toolchain=`", remedy="add `run=True`, or give TOOLCHAIN=zig to make")
     if run:
         firmware.require_tools()
     chosen = firmware.choose_toolchain(toolchain) if run else None

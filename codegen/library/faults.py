@@ -65,7 +65,7 @@ def faults(
     """
     folder, work = folder_of(build), Work(progress, 2)
     if bus is None and ecu is not None:
-        raise CodegenError("without a bus there is no ECU to choose", where="--ecu", remedy="add --bus")
+        raise CodegenError("without a bus there is no ECU to choose", where="`ecu=`", remedy="add `bus=`")
     address, facts = None if bus is None else BusAddress.parse(bus), BuildFacts.read(folder)
     with work.status(f"compiling {folder}"):
         software = load(folder) if address is None else None

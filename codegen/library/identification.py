@@ -127,7 +127,7 @@ class Identification(Result):
 
     def _doubt_notes(self, name: str) -> tuple[str, ...]:
         until = "until it has identified.doubts_accepted = true"
-        return (f"tune, solve --uncertain and sweep --from refuse {name} {until}",) if self.doubts else ()
+        return (f"tune, solve with `share=` and sweep with `measured=` refuse {name} {until}",) if self.doubts else ()
 
     def save(self, path: PathLike, report: PathLike | None = None) -> None:
         """Write the ars.toml, and with it an HTML report if it has a path. Raises CodegenError."""
@@ -245,8 +245,8 @@ class DrivePlan(Result):
 
 def refuse_plan_folder(folder: Path) -> None:
     """Raise CodegenError if a measurement programme cannot go to a folder."""
-    check_target(folder, "--plan")
-    refuse_folder(folder, MANIFEST_WHAT, "a measurement programme", "--plan")
+    check_target(folder)
+    refuse_folder(folder, MANIFEST_WHAT, "a measurement programme")
 
 
 @public

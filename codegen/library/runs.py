@@ -248,7 +248,7 @@ def run(
     base = with_settings(find(str(scenario), software.config), _settings(speed_km_h, steering_wheel_angle_deg))
     driven = base.with_clocks(clock_drift_ppm, jitter_ms)
     if not software.selftest():
-        raise CheckFailed("the generated self-test fails", where=folder, remedy="build again with `codegen build`")
+        raise CheckFailed("the generated self-test fails", where=folder, remedy="build again")
     drive = _Drive(driven, plant, through_can, sensors, seed)
     with work.status(driven.title):
         controlled, result = drive.controlled(software)
@@ -288,19 +288,25 @@ def _settings(speed_km_h: float | None, steering_wheel_angle_deg: float | None) 
     for key, value in settings.items():
         low, high = RANGES[key]
         if not low <= value <= high:
-            raise CodegenError(f"{value!r} is not a number from {low:g} to {high:g}", where=key, remedy="correct the value")
+            raise CodegenError(
+                f"{value!r} is not a number from {low:g} to {high:g}", where=f"`{key}=`", remedy="correct the value"
+            )
     return settings
 
 
 def _refuse(plant: str, through_can: bool, drift_ppm: float | None, jitter_ms: float | None, sensors: bool) -> None:
     """Raise CodegenError for options that do not go together."""
     if plant != "two-track" and through_can:
-        raise CodegenError("runs through CAN frames support only the two-track car", where="--plant", remedy="leave --can out")
+        raise CodegenError(
+            "runs through CAN frames support only the two-track car", where="`plant=`", remedy="leave `through_can=` out"
+        )
     if sensors and not through_can:
-        raise CodegenError("sensors are simulated only with CAN frames", where="--sensors", remedy="add --can")
+        raise CodegenError("sensors are simulated only with CAN frames", where="`sensors=`", remedy="add `through_can=True`")
     if (drift_ppm is not None or jitter_ms is not None) and not through_can:
-        where = "--jitter" if drift_ppm is None else "--clock-drift"
-        raise CodegenError("clock drift and jitter are simulated only with CAN frames", where=where, remedy="add --can")
+        where = "`jitter_ms=`" if drift_ppm is None else "`clock_drift_ppm=`"
+        raise CodegenError(
+            "clock drift and jitter are simulated only with CAN frames", where=where, remedy="add `through_can=True`"
+        )
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, Literal
 
 from codegen.configuration import Config
@@ -12,8 +12,8 @@ from codegen.library.maps import Map
 from codegen.library.result import Progress, Work, public
 from codegen.map_file.map import Chosen, ReferenceMap, choose_config
 from codegen.optimum.like_friction import friction_errors
-from codegen.optimum.solve import ACCELERATION_OPTION, Method, solve_acceleration_stack, solve_case, solve_stack
-from codegen.optimum.uncertain import UncertainMap, solve_uncertain
+from codegen.optimum.solve import ACCELERATION, FRICTION, Method, solve_acceleration_stack, solve_case, solve_stack
+from codegen.optimum.uncertain import SHARE, UncertainMap, solve_uncertain
 from codegen.plausibility.car import Handling, car_warnings
 from codegen.plausibility.map import MapFacts, map_warnings
 from codegen.report.map_difference import map_difference
@@ -104,15 +104,15 @@ def solve(
         CodegenError: there is no such case, options exclude each other, or no point of the grid is feasible.
     """
     if friction is not None and longitudinal_acceleration is not None:
-        raise CodegenError("a map has one stack", where=ACCELERATION_OPTION, remedy="leave it or --friction out")
+        raise CodegenError("a map has one stack", where=ACCELERATION, remedy=f"leave it or {FRICTION} out")
     if share is not None:
-        others: Mapping[str, object] = {
-            "--friction": friction,
-            ACCELERATION_OPTION: longitudinal_acceleration,
-            "--method ipopt": method == "ipopt" or None,
+        is_given = {
+            FRICTION: friction is not None,
+            ACCELERATION: longitudinal_acceleration is not None,
+            "`method='ipopt'`": method == "ipopt",
         }
-        for option in (option for option, value in others.items() if value is not None):
-            raise CodegenError("cannot be combined with --uncertain", where=option, remedy="leave one of them out")
+        for argument in (argument for argument, value in is_given.items() if value):
+            raise CodegenError(f"cannot be combined with {SHARE}", where=argument, remedy="leave one of them out")
     given = given_config(config)
     chosen = choose_config(None, given)
     title = f"solving {case}" + ("" if friction is None else f" for {len(friction)} frictions")

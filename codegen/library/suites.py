@@ -137,16 +137,16 @@ def suite(
         remedy = f"known: {', '.join(SUITES)}{suggestion(str(name), SUITES)}"
         raise CodegenError(f"there is no suite {name!r}", where="codegen suite", remedy=remedy)
     if cars is not None and name != "cars":
-        raise CodegenError("random cars belong to their suite", where="--cars", remedy="use codegen suite cars")
+        raise CodegenError("random cars belong to their suite", where="`cars=`", remedy="use the suite 'cars'")
     if name == "cars":
         if build is not None:
-            raise CodegenError("the cars of this suite have builds of their own", where="--build", remedy="leave it out")
+            raise CodegenError("the cars of this suite have builds of their own", where="`build=`", remedy="leave it out")
         return _cars(CARS if cars is None else cars, DEVELOPMENT_SEED if seed is None else seed, _limits(limits), progress)
     folder = None if build is None else folder_of(build)
     if name == "tracking":
         return _tracking(folder, _limits(limits), progress)
     if limits is not None:
-        raise CodegenError("this suite has no limits", where="--limits", remedy="leave it out")
+        raise CodegenError("this suite has no limits", where="`limits=`", remedy="leave it out")
     candidate = recommended() if folder is None else of_folder(folder)
     result = references.run_references(candidate, Work(progress, 2).stage)
     facts = {"build": None if folder is None else str(folder), "configuration": candidate.title}

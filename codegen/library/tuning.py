@@ -151,7 +151,7 @@ def tune(map: MapLike, config: ConfigLike | None = None, *, progress: Progress |
     before, given, work = map_of(map), given_config(config), Work(progress, 2)
     reference_map, place = before.reference_map, place_of(before)
     if reference_map.config is None and given is None:
-        remedy = "name one with --config ars.toml"
+        remedy = "name one with `config=`"
         raise MapError("it contains no configuration, and so no car to design for", where=place, remedy=remedy)
     chosen = choose_config(reference_map, given)
     where = place if given is None else "the configuration" if isinstance(given, Config) else str(given)

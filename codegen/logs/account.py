@@ -142,7 +142,7 @@ def open_log(
     if found is None:
         return open_bus_log(path, databases, channel)
     if databases.paths or channel is not None:
-        raise CodegenError("it is not the log of a bus", where=path, remedy="leave --dbc and --channel out")
+        raise CodegenError("it is not the log of a bus", where=path, remedy="leave `dbc=` and `channel=` out")
     return found.account()
 
 

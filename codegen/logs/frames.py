@@ -28,7 +28,7 @@ BYTES_MAX = 2**30
 """Largest size of a log."""
 TIME_MAX_S = 1e11
 """Largest time stamp of a frame; Unix time stays below for 3,000 years."""
-REMEDY = "give a log that `codegen hil --log` or another tool wrote"
+REMEDY = "give a log that codegen hil or another tool wrote"
 
 
 class Kind(IntEnum):

@@ -177,7 +177,7 @@ def read_asc(path: Path) -> tuple[Collector, str]:
         _take(lines, ASCReader(lines))  # type: ignore[arg-type]
     if not into.in_file and set(into.others) == {NO_EVENT}:
         what = f"not an ASC: no line is an event (first: {lines.first_strange})"
-        raise CodegenError(what, where=path, remedy="give a log of CANoe, CANalyzer or `codegen hil --log`")
+        raise CodegenError(what, where=path, remedy="give a log of CANoe, CANalyzer or codegen hil")
     return into, "time from the event before" if lines.is_relative else "time from the start of the log"
 
 

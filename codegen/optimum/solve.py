@@ -129,8 +129,9 @@ CELL_BYTES = 3 * 8 + 2
 
 DESIGN_TOLERANCE = 1e-9
 
-OPTION = "--friction"
-ACCELERATION_OPTION = "--longitudinal-acceleration"
+FRICTION = "`friction=`"
+ACCELERATION = "`longitudinal_acceleration=`"
+"""Arguments of `solve`, in messages."""
 
 
 def solve_stack(
@@ -151,7 +152,7 @@ def solve_stack(
             roads (it falls with the friction).
         MapError: no operating point of the grid is feasible at one of the frictions, or the file would be too large.
     """
-    return _solve_layers(config, case, tables.FRICTION, OPTION, lower_frictions(config, friction), method, progress)
+    return _solve_layers(config, case, tables.FRICTION, FRICTION, lower_frictions(config, friction), method, progress)
 
 
 def solve_acceleration_stack(
@@ -172,7 +173,7 @@ def solve_acceleration_stack(
         MapError: as `solve_stack`.
     """
     moving = moving_accelerations(acceleration)
-    return _solve_layers(config, case, tables.ACCELERATION, ACCELERATION_OPTION, moving, method, progress)
+    return _solve_layers(config, case, tables.ACCELERATION, ACCELERATION, moving, method, progress)
 
 
 def _solve_layers(
@@ -212,21 +213,21 @@ def lower_frictions(config: Config, friction: Sequence[float]) -> tuple[float, .
     rising = sorted(friction, key=lambda value: (math.isnan(value), value))
     design, limits = config.road.friction, tables.PLAUSIBLE["friction"]
     if len(rising) < 2:
-        remedy = f"list lower ones with the map's own, such as 0.5,{design:g}, or leave {OPTION} out"
-        raise ConfigError(f"{len(rising) or 'no'} friction, where two or more make a stack", where=OPTION, remedy=remedy)
+        remedy = f"list lower ones with the map's own, such as 0.5,{design:g}, or leave {FRICTION} out"
+        raise ConfigError(f"{len(rising) or 'no'} friction, where two or more make a stack", where=FRICTION, remedy=remedy)
     if len(rising) > tables.MAX_LAYERS + 1:
-        raise ConfigError(f"{len(rising)} frictions", where=OPTION, remedy=f"list at most {tables.MAX_LAYERS + 1}")
+        raise ConfigError(f"{len(rising)} frictions", where=FRICTION, remedy=f"list at most {tables.MAX_LAYERS + 1}")
     for value in rising:
         if not limits.low <= value <= limits.high:
-            raise ConfigError(f"{value:g} is outside {limits.low:g} to {limits.high:g}", where=OPTION, remedy=limits.if_low)
+            raise ConfigError(f"{value:g} is outside {limits.low:g} to {limits.high:g}", where=FRICTION, remedy=limits.if_low)
     for left, right in pairwise(rising):
         if right - left < tables.FRICTION.step - tables.STEP_SLACK:
             what = f"{right:.9g} is there twice" if left == right else f"{left:.9g} and {right:.9g} are too close together"
-            raise ConfigError(what, where=OPTION, remedy=f"leave {tables.FRICTION.step:g} or more between two frictions")
+            raise ConfigError(what, where=FRICTION, remedy=f"leave {tables.FRICTION.step:g} or more between two frictions")
     if abs(rising[-1] - design) > DESIGN_TOLERANCE:
         raise ConfigError(
             f"the largest friction, {rising[-1]:.9g}, is not the one that the map itself is for, road.friction = {design:.9g}",
-            where=OPTION,
+            where=FRICTION,
             remedy=f"set road.friction to {rising[-1]:.9g}, or let the list end with {design:.9g}",
         )
     return tuple(rising[:-1])
@@ -242,18 +243,18 @@ def moving_accelerations(acceleration: Sequence[float]) -> tuple[float, ...]:
     stack, limits = tables.ACCELERATION, tables.PLAUSIBLE[tables.ACCELERATION.key]
     if not 2 <= len(rising) <= tables.MAX_LAYERS + 1:
         remedy = f"list 2 to {tables.MAX_LAYERS + 1} with zero among them, such as -4,0,3"
-        raise ConfigError(f"{len(rising)} {stack.many}", where=ACCELERATION_OPTION, remedy=remedy)
+        raise ConfigError(f"{len(rising)} {stack.many}", where=ACCELERATION, remedy=remedy)
     for value in rising:
         if not limits.low <= value <= limits.high:
             what = f"{value:g} is outside {limits.low:g} to {limits.high:g} {limits.unit}"
-            raise ConfigError(what, where=ACCELERATION_OPTION, remedy="check the value and its unit, m/s^2")
+            raise ConfigError(what, where=ACCELERATION, remedy="check the value and its unit, m/s^2")
     for left, right in pairwise(rising):
         if right - left < stack.step - tables.STEP_SLACK:
             remedy = f"leave {stack.step:g} m/s^2 or more between two"
-            raise ConfigError(f"{left:.9g} and {right:.9g} are too close together", where=ACCELERATION_OPTION, remedy=remedy)
+            raise ConfigError(f"{left:.9g} and {right:.9g} are too close together", where=ACCELERATION, remedy=remedy)
     if 0.0 not in rising:
         what = "no zero, the acceleration for which the map itself is"
-        raise ConfigError(what, where=ACCELERATION_OPTION, remedy="add 0 to the list")
+        raise ConfigError(what, where=ACCELERATION, remedy="add 0 to the list")
     return tuple(value for value in rising if value != 0.0)
 
 

@@ -29,7 +29,7 @@ from codegen.optimum.solve import solve_case
 from codegen.optimum.turns import turns_of
 from codegen.vehicle.population import draw, require_accepted
 
-OPTION = "--uncertain"
+SHARE = "`share=`"
 CONFIDENCE = 0.95
 EXPECTED_BEYOND = 20
 """Cars of the second sample that lie beyond the wanted share on average; more cars need less margin for the sample."""
@@ -148,10 +148,10 @@ def solve_uncertain(config: Config, case: str, share: float, progress: Progress 
     """
     if not SHARE_MIN <= share <= SHARE_MAX:
         remedy = f"give a share from {SHARE_MIN:g} to {SHARE_MAX:g}, such as 0.99"
-        raise ConfigError(f"{share:g} is not such a share of the cars", where=OPTION, remedy=remedy)
+        raise ConfigError(f"{share:g} is not such a share of the cars", where=SHARE, remedy=remedy)
     if not config.case(case).rear_steering:
         what = "without rear steering no car can follow the map of another one"
-        raise ConfigError(what, where=f"{OPTION}: [cases.{case}]", remedy="choose a case with rear_steering = true")
+        raise ConfigError(what, where=f"{SHARE}: [cases.{case}]", remedy="choose a case with rear_steering = true")
     require_accepted(config)
     whole, count = config.with_whole_limits.with_case(case), car_count(share)
     cars, allowed = draw(whole, count, SEED), lost_allowed(share, count)
@@ -162,7 +162,7 @@ def solve_uncertain(config: Config, case: str, share: float, progress: Progress 
     if found is None:
         raise MapError(
             f"no map is so tight that {count - allowed} of {count} cars keep the limits",
-            where=f"{OPTION}: [cases.{case}]",
+            where=f"{SHARE}: [cases.{case}]",
             remedy="measure with more excitation, relax [limits] or ask for a smaller share",
         )
     factor, tightest, lost = found

@@ -97,7 +97,7 @@ def excess_warning(manifest: Mapping[str, Any]) -> str:
 
 def _closer(options: Mapping[str, Any]) -> str:
     """Return the build option that reduces the interpolation error of the tables."""
-    for key, how in (("max_error_rad_s", "a smaller --max-error"), ("max_flash_bytes", "a larger --max-flash")):
+    for key, how in (("max_error_rad_s", "a smaller `max_error=`"), ("max_flash_bytes", "a larger `max_flash=`")):
         if options.get(key) is not None:
             return f"{how} brings what is interpolated closer to the optimum"
     return COARSE

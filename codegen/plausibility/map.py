@@ -198,4 +198,4 @@ def require_grip(reference_map: ReferenceMap, where: object) -> None:
     """Raise MapError for a map that no road car can follow."""
     if text := beyond_grip(reference_map):
         what, _, remedy = text.partition("; ")
-        raise MapError(what, where=where, remedy=f"{remedy}; or build with --beyond-grip")
+        raise MapError(what, where=where, remedy=f"{remedy}; or build with `beyond_grip=True`")

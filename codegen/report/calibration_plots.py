@@ -71,7 +71,7 @@ def calibration_figure(
         *([MAPS_SIZE[1]] if maps is not None else []),
     ]
     if not heights:
-        raise PlotError("the sets do not differ", remedy="leave --plot out, or give another set")
+        raise PlotError("the sets do not differ", remedy="draw another set")
     with style():
         figure = new_figure(MAPS_SIZE[0], sum(heights))
         parts = iter(figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0])

@@ -108,7 +108,7 @@ def explanation(rows: Sequence[Requirement], limits: Limits) -> str:
     if not keys:
         return ""
     told = "\n".join(wrapped(f"{key} = {getattr(limits, key):g}: {limits.why(key)}") for key in keys)
-    return f"{told}\n{wrapped('To change a limit, write such a line into a TOML file and pass the file with --limits.')}"
+    return f"{told}\n{wrapped('To change a limit, write such a line into a TOML file and pass the file with `limits=`.')}"
 
 
 def failures(rows: Sequence[Requirement]) -> list[str]:

@@ -52,8 +52,8 @@ def software(plan: Plan, controller: Controller) -> BatchSoftware:
             if not machine_runs(plan.isa):
                 raise BuildError(
                     f"this machine has no instructions of {plan.isa}",
-                    where="--isa",
-                    remedy=f"run the whole campaign with --isa {best_isa()}",
+                    where="`isa=`",
+                    remedy=f"run the whole campaign with `isa={best_isa()!r}`",
                 )
             with within(controller.folder or controller.name):
                 found = compile_batch(controller.files, controller.manifest, plan.config, isa=plan.isa)

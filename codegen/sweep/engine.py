@@ -88,13 +88,13 @@ class Dask:
         if found is None or int(found["port"]) > PORT_MAX:
             raise CodegenError(
                 f"{address!r} is not a valid address",
-                where="--scheduler",
+                where="`scheduler=`",
                 remedy="give it as tcp://HOST:PORT, as `dask scheduler` prints it",
             )
         try:
             import distributed
         except ImportError:
-            raise missing("distributed", "reaches the cluster", "--scheduler") from None
+            raise missing("distributed", "reaches the cluster", "`scheduler=`") from None
         library: Any = distributed  # it has types, but not for all
         self.address = address
         self._as_completed, self._killed = library.as_completed, library.scheduler.KilledWorker
@@ -248,7 +248,7 @@ def _call(work: Call, number: int, wanted: Mapping[str, str]) -> Answer:
 def _proven(answer: object, wanted: Mapping[str, str]) -> Any:
     """Return the result of an answer. Raises BuildError if its worker does not prove the identity of the campaign."""
     if not isinstance(answer, Answer):  # `_call` of other sources
-        raise BuildError("a worker does not prove its sources", where="--scheduler", remedy="install the same on all machines")
+        raise BuildError("a worker does not prove its sources", where="`scheduler=`", remedy="install the same on all machines")
     if answer.identity == wanted:
         return answer.result
     # The longest names are digests, of which some digits suffice.
@@ -272,7 +272,7 @@ def _result(future: Any, number: int) -> Any:
     except Exception as error:
         raise CheckFailed(
             f"the cluster did not finish chunk {number} ({type(error).__name__}: {error})",
-            where="--scheduler",
+            where="`scheduler=`",
             remedy="see the workers' logs; run the same command to resume",
         ) from error
 

@@ -63,7 +63,7 @@ class MeasuredCar:
             raise ConfigError(
                 "in a factorial design each combination would have another car",
                 where=f"{where}: design",
-                remedy='use "monte-carlo", or leave out --from',
+                remedy='use "monte-carlo", or leave out `measured=`',
             )
         for factor in spec.factors:
             for key in FACTORS[factor].keys:

@@ -124,7 +124,7 @@ class Plan:
     def key(self, run: int) -> RunKey:
         """Return the key of a run number. Raises CodegenError if there is no such run."""
         if not 0 <= run < self.spec.run_count:
-            raise CodegenError(f"there is no run {run}", where="--replay", remedy=f"0 to {self.spec.run_count - 1}")
+            raise CodegenError(f"there is no run {run}", where="`run=`", remedy=f"0 to {self.spec.run_count - 1}")
         rest, controller = divmod(run, len(self.controllers))
         sample, scenario = divmod(rest, len(self.profiles))
         return RunKey(sample, scenario, controller)
@@ -259,14 +259,14 @@ def _check_car(config: Config, controller: Controller, path: Path, car: Measured
 def _profile(spec: Spec, name: str, config: Config, path: Path) -> Profile:
     place = f"{path}: scenarios"
     is_file = name not in SCENARIOS and Path(name).suffix.lower() in (".csv", ".toml")
+    if not is_file and name not in SCENARIOS:
+        here = [each.name for each in SCENARIOS.values() if each.kind in TABLES and not each.faults]
+        remedy = f"known here: {', '.join(here)}, or a .csv or .toml file{suggestion(name, here)}"
+        raise ConfigError(f"there is no scenario {name!r}", where=place, remedy=remedy)
     try:
         scenario = find(str(path.parent / name) if is_file else name, config)
     except CodegenError as error:
-        if error.where != "--scenario":
-            raise ConfigError(error.what, where=f"{place}: {error.where}", remedy=error.remedy) from None
-        here = [each.name for each in SCENARIOS.values() if each.kind in TABLES and not each.faults]
-        remedy = f"known here: {', '.join(here)}, or a .csv or .toml file{suggestion(name, here)}"
-        raise ConfigError(error.what, where=place, remedy=remedy) from None
+        raise ConfigError(error.what, where=f"{place}: {error.where}", remedy=error.remedy) from None
     if scenario.kind not in TABLES:
         known = " and ".join(TABLES)
         raise ConfigError(

@@ -166,7 +166,7 @@ def _other(content: bytes, plan: Plan, folder: Path, remedy: str) -> CodegenErro
         return CodegenError(
             f"it was simulated with the instruction set {there['isa']}, not {plan.isa}, whose results differ by rounding",
             where=folder,
-            remedy=f"give --isa {there['isa']}, or name another folder with -o",
+            remedy=f"give `isa={there['isa']!r}`, or name another folder",
         )
     told = f"{', '.join(names) or 'something'} {'have' if len(names) > 1 else 'has'}"
     return CodegenError(f"it holds another campaign: {told} changed since", where=folder, remedy=remedy)

@@ -58,7 +58,7 @@ def check_transformer(can: Can) -> None:
         raise BuildError(
             f"{what}, which AUTOSAR does not allow for a transformer",
             where=where,
-            remedy="change it in ars.toml and build again with --config, or give --e2e task",
+            remedy="change it in ars.toml and build again with `config=`, or give `e2e='task'`",
         )
 
 

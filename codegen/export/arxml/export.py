@@ -99,7 +99,7 @@ def export(build: Path, protection: Protection = "transformer", access: Access =
     """
     if access == "implicit" and protection == "task":
         raise BuildError(
-            "implicit access cannot read the queues of raw frames", remedy="give --e2e transformer, or --access explicit"
+            "implicit access cannot read the queues of raw frames", remedy="give `e2e='transformer'`, or `access='explicit'`"
         )
     manifest = read_build(build)
     require_can_side(manifest, build)

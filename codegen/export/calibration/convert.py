@@ -84,7 +84,7 @@ def toml_of(values: Values, build: BuildCalibration, config_path: Path | None) -
         removed = dict.fromkeys((name for name, value in entries.items() if value is None), next(iter(given)))
         text = replace_values(text, table, given, removed, REMARK)
     if parse(tomllib.loads(text), config_path) != config:
-        raise ConfigError("cannot be edited key by key", where=config_path, remedy="leave --config out, for a new file")
+        raise ConfigError("cannot be edited key by key", where=config_path, remedy="leave `config=` out, for a new file")
     return WrittenConfig(text, tuple(chosen))
 
 

@@ -59,13 +59,13 @@ class Image:
         content = read_file(path, ELF_BYTES_MAX, IMAGE_REMEDY, BuildError)
         if content.startswith(ELF_MAGIC):
             if addresses is not None:
-                raise CodegenError("has no effect on an ELF, which has its own", where="--addresses", remedy="leave it out")
+                raise CodegenError("has no effect on an ELF, which has its own", where="`addresses=`", remedy="leave it out")
             elf = Elf(str(path), content)
             return cls(path, "ELF", _layout_of_elf(elf, build, layout), elf)
         records = _records(content, path)
         if addresses is None:
             raise CodegenError(
-                "the image has no names", where=path, remedy="give its ELF, or the A2L of codegen a2l, with --addresses"
+                "the image has no names", where=path, remedy="give its ELF, or the A2L of codegen a2l, with `addresses=`"
             )
         image = cls(
             path, "S-record" if content[:1] == b"S" else "Intel HEX", _placed(addresses, build, layout), (content, records)

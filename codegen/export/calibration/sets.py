@@ -28,7 +28,7 @@ def read_set(path: Path, layout: Layout) -> Values:
         raise CodegenError(
             f"{path.suffix or 'no extension'} is not supported",
             where=path,
-            remedy="give a .dcm or .cdfx file, or an image with --image",
+            remedy="give a .dcm or .cdfx file, or an image with `image=`",
         )
     content = read_file(path, CALIBRATION_BYTES_MAX, READ_REMEDY)
     with Limits.of(len(content)).enforced(path):

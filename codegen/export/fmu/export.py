@@ -199,7 +199,7 @@ def make_fmu(build: Path, what: What, version: Version) -> Fmu:
         CodegenError: no build, no compiler, C that does not compile, fmpy is missing, or a bus in FMI 2.0.
     """
     if what in WITH_BUS and version != "3":
-        raise CodegenError("a bus needs the clocks of FMI 3.0", where="--fmi", remedy="give --fmi 3 or leave it out")
+        raise CodegenError("a bus needs the clocks of FMI 3.0", where="`fmi=`", remedy="give `fmi='3'`, or leave it out")
     standard = headers(version)
     manifest = read_build(build)
     require_can_side(manifest, build)

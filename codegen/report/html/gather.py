@@ -199,7 +199,7 @@ def _require_step(files: Files, scenario: Scenario) -> None:
         end, needed = float(record[-1, 0]), scenario.steer_time + STEADY_WINDOW
         if scenario.kind == "step" and end < needed:
             what = f"it ends at {end:g} s, and {scenario.name} is judged up to {needed:g} s"
-            raise CodegenError(what, where=files.paths[name], remedy="name the recorded scenario with --scenario")
+            raise CodegenError(what, where=files.paths[name], remedy="name the recorded scenario with `scenario=`")
 
 
 def _driven(found: Read, material: Material, steps: Steps) -> Material:

@@ -79,7 +79,7 @@ def read_log(path: Path, can: Can, name: str, channel: str | None = None) -> Bus
     used = {name: indices[frames.is_fd[indices] == can.is_fd] for name, indices in used.items()}
     if not any(indices.size for indices in used.values()):
         known = ", ".join(f"0x{message.id:x}" for message in messages)
-        raise CodegenError(f"no frame with an id of the build ({known})", where=path, remedy="name its build with --build")
+        raise CodegenError(f"no frame with an id of the build ({known})", where=path, remedy="name its build with `build=`")
     stamps = {name: np.sort(frames.time[indices]) for name, indices in used.items()}
     motion, command = stamps[can.vehicle_motion.name], stamps[can.rear_steer_command.name]
     cycle = float(can.vehicle_motion.cycle_time_ms or 10.0)
@@ -140,7 +140,7 @@ def read_files(arguments: Sequence[str], can: Can, channel: str | None = None) -
         name, path = named(argument)
         require_regular(path, RUN_BYTES_MAX, f"give {KINDS}")
         if name in runs or name in {log.name for log in logs}:
-            raise CodegenError(f"a second run called {name!r}", where=path, remedy=f"name it, as in --run other={path}")
+            raise CodegenError(f"a second run called {name!r}", where=path, remedy=f"name it, as in `runs='other={path}'`")
         kind = path.suffix.lower()
         if kind == ".json":
             faults = read_faults(path)
@@ -208,9 +208,9 @@ RECORDINGS = {".csv": _read_csv, ".parquet": _read_parquet, ".mf4": _read_mf4}
 
 def _checked(record: FloatArray, path: Path) -> FloatArray:
     if record.ndim != 2 or record.shape[0] < 2:
-        raise CodegenError("fewer than two samples", where=path, remedy="give a run that `codegen sil --csv` wrote")
+        raise CodegenError("fewer than two samples", where=path, remedy="give a recorded run")
     if not np.isfinite(record[:, 0]).all():
-        raise CodegenError("time_s is not finite", where=path, remedy="give a run that `codegen sil --csv` wrote")
+        raise CodegenError("time_s is not finite", where=path, remedy="give a recorded run")
     for sample, column in np.argwhere(np.abs(record) > VALUE_MAX)[:1]:  # NaN is no value, and may be in a run
         name = RECORD_COLUMNS[column]
         what = f"{record[sample, column]:g} is beyond {VALUE_MAX:g}, the largest value of a run"

@@ -244,7 +244,7 @@ class _Measuring:
 
     def __init__(self, subject: Subject, effort: Effort) -> None:
         if not subject.is_single:
-            raise BuildError(NOT_SINGLE, where="options.precision", remedy="build with --precision single")
+            raise BuildError(NOT_SINGLE, where="options.precision", remedy="build with `precision='single'`")
         self._config = subject.config
         self._counter = Counter(subject.sources(), subject.prefix, task_view(self._config))
         self._generator = np.random.default_rng(0)
