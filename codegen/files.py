@@ -21,19 +21,20 @@ LOCK_TIMEOUT_S = 10.0
 LOCK_RETRY_S = 0.01
 
 
-def read_file(path: Path, limit: int, remedy: str, kind: type[CodegenError] = CodegenError) -> bytes:
+def read_file(path: Path, limit: int, remedy: str, kind: type[CodegenError] = CodegenError, *, smaller: str = "") -> bytes:
     """Return all bytes of a regular file. Links are followed.
 
     Args:
         limit: largest size in bytes; larger files are rejected.
         remedy: remedy in the error message.
         kind: class of the error.
+        smaller: remedy if the file is too large; by default `remedy`.
 
     Raises:
         CodegenError: of class `kind`, if the file is unreadable, too large or not regular. Reading a pipe would block, and
             reading a device might never end.
     """
-    size = require_regular(path, limit, remedy, kind)
+    size = require_regular(path, limit, remedy, kind, smaller=smaller)
     try:
         with path.open("rb") as file:
             return file.read(size)  # not `limit`, which would allocate that much memory
@@ -41,7 +42,7 @@ def read_file(path: Path, limit: int, remedy: str, kind: type[CodegenError] = Co
         raise kind(f"cannot be read ({reason_of(error)})", where=path, remedy=remedy) from None
 
 
-def require_regular(path: Path, limit: int, remedy: str, kind: type[CodegenError] = CodegenError) -> int:
+def require_regular(path: Path, limit: int, remedy: str, kind: type[CodegenError] = CodegenError, *, smaller: str = "") -> int:
     """Return the size in bytes of a regular file that another library reads. Arguments and errors are those of `read_file`."""
     try:
         status = path.stat()
@@ -50,7 +51,7 @@ def require_regular(path: Path, limit: int, remedy: str, kind: type[CodegenError
     if not stat.S_ISREG(status.st_mode):
         raise kind("not a file", where=path, remedy=remedy)
     if status.st_size > limit:
-        raise kind(f"over {size_text(limit)}", where=path, remedy=remedy)
+        raise kind(f"over {size_text(limit)}", where=path, remedy=smaller or remedy)
     return status.st_size
 
 
@@ -62,12 +63,20 @@ def resolved(path: Path, kind: type[CodegenError] = CodegenError) -> Path:
         raise kind("it is a link to itself", where=path, remedy="remove the link, or name another path") from None
 
 
-def read_text(path: Path, limit: int, remedy: str, kind: type[CodegenError] = CodegenError) -> str:
+def read_text(path: Path, limit: int, remedy: str, kind: type[CodegenError] = CodegenError, *, smaller: str = "") -> str:
     """Return the UTF-8 text of a regular file without its byte order mark. See `read_file`; other text is an error too."""
     try:
-        return read_file(path, limit, remedy, kind).decode("utf-8-sig")
+        return read_file(path, limit, remedy, kind, smaller=smaller).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise kind("not UTF-8 text", where=f"{path}, byte {error.start}", remedy="save it as UTF-8") from None
+
+
+def decoded(data: bytes) -> str:
+    """Return the text of a file from elsewhere: UTF-8 with or without its mark, else Windows-1252, as older tools write it."""
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("cp1252", "replace")
 
 
 def size_text(limit: int) -> str:

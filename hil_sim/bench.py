@@ -313,7 +313,7 @@ def refuse_bus(scenario: Scenario) -> None:
         raise CodegenError(
             f"it has faults on the bus ({kinds}), and this run has no bus",
             where=f"scenario {scenario.name}",
-            remedy="run it on a bus, or with `through_can=True`",
+            remedy="run it on a bus (codegen hil), or with `through_can=True`",
         )
 
 

@@ -24,8 +24,8 @@ from hil_sim.bench import BenchResult
 from hil_sim.clocks import FREE_RUNNING, HALF_RATE, IN_STEP, Clocks
 from hil_sim.codec import causes
 from hil_sim.faults import Fault, FaultKind
-from hil_sim.manoeuvres import Settings
 from hil_sim.scenarios import Scenario
+from hil_sim.settings import Settings
 
 SPEED_KM_H, FRONT_ANGLE_DEG = 65.0, 4.0
 """Turn of the catalogue in reports."""

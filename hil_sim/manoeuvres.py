@@ -25,6 +25,7 @@ from codegen.sil.closed_loop import PREVIEW_POINTS
 from codegen.units import KM_H, STANDARD_GRAVITY
 from codegen.vehicle.single_track import SingleTrack
 from codegen.vehicle.tyre import static_wheel_loads
+from hil_sim.settings import Settings
 
 Columns = Mapping[str, npt.ArrayLike]
 
@@ -44,22 +45,6 @@ SPLIT_LOW_SHARE = 1.0 / 3.0
 """Friction of the slippery side over that of the other one: UN R13-H, annex 6, calls for half or less."""
 SPLIT_BUILD_UP = 0.5
 """Time in s over which the brake system raises the force at the front wheel with grip."""
-
-
-@dataclass(frozen=True)
-class Settings:
-    """Values that a user may change; None keeps those of the manoeuvre or the configuration."""
-
-    speed_km_h: float | None = None
-    steering_wheel_angle_deg: float | None = None
-    friction: float | None = None
-    friction_estimate: float | None = None
-
-    @property
-    def speed(self) -> float:
-        """Speed in m/s of a manoeuvre that has one."""
-        assert self.speed_km_h is not None  # every manoeuvre that uses it has one
-        return self.speed_km_h * KM_H
 
 
 Manoeuvre = Callable[[Config, Settings, FloatArray], Columns]

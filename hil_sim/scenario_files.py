@@ -36,8 +36,9 @@ from codegen.errors import CodegenError, suggestion
 from codegen.files import read_text
 from codegen.sil.software import RECORD_COLUMNS
 from hil_sim.faults import FRAME_KINDS, VALUE_KINDS, Fault, FaultKind
-from hil_sim.manoeuvres import Columns, Settings
+from hil_sim.manoeuvres import Columns
 from hil_sim.scenarios import BUILT_IN, Scenario
+from hil_sim.settings import SPEED_RANGE_KM_H, STEERING_WHEEL_ANGLE_RANGE_DEG, Settings
 
 RECORDING_BYTES_MAX, SCENARIO_BYTES_MAX = 64 * 2**20, 2**20
 
@@ -55,7 +56,7 @@ def load(path: Path, config: Config | None = None) -> Scenario:
     if path.suffix.lower() not in (".csv", ".toml"):
         raise CodegenError("neither .csv nor .toml", where=path, remedy="name a recording or a scenario file")
     limit = RECORDING_BYTES_MAX if path.suffix.lower() == ".csv" else SCENARIO_BYTES_MAX
-    text = read_text(path, limit, "name a .csv or .toml file, or cut it into shorter ones")
+    text = read_text(path, limit, "name a .csv or .toml file", smaller="cut it into shorter ones")
     if path.suffix.lower() == ".csv":
         return _from_csv(text, path)
     return _from_toml(text, path, config or preset())
@@ -88,8 +89,8 @@ class ScenarioFile(Section):
 
     name: Annotated[str, AfterValidator(check_name)] | None = None
     base: str
-    speed_km_h: Annotated[float, Range(1.0, 400.0, "km/h")] | None = None
-    steering_wheel_angle_deg: Annotated[float, Range(-1_500.0, 1_500.0, "deg")] | None = None
+    speed_km_h: Annotated[float, Range(*SPEED_RANGE_KM_H, "km/h")] | None = None
+    steering_wheel_angle_deg: Annotated[float, Range(*STEERING_WHEEL_ANGLE_RANGE_DEG, "deg")] | None = None
     friction: Annotated[float, Range(0.05, 1.5)] | None = None
     friction_estimate: Annotated[float, Range(0.02, 2.0)] | None = None
     duration_s: Annotated[float, Range(MIN_DURATION, MAX_DURATION, "s")] | None = None

@@ -20,7 +20,8 @@ from codegen.sil.closed_loop import INPUT_COLUMNS
 from hil_sim import manoeuvres
 from hil_sim.clocks import IN_STEP, Clocks
 from hil_sim.faults import Fault
-from hil_sim.manoeuvres import Manoeuvre, PathOf, PreviewDriver, RoadPath, Settings
+from hil_sim.manoeuvres import Manoeuvre, PathOf, PreviewDriver, RoadPath
+from hil_sim.settings import Settings
 
 DEFAULT = "step-steer"
 

@@ -12,6 +12,12 @@ from codegen.errors import CodegenError
 from codegen.files import ChangedError, write_atomically, write_together
 
 
+def test_text_is_utf_8_or_windows_1252() -> None:
+    for encoding in ("utf-8", "utf-8-sig", "cp1252"):
+        assert files.decoded("5 € … ü\n".encode(encoding)) == "5 € … ü\n"
+    assert files.decoded(b"\x81") == "\ufffd"  # no character of Windows-1252
+
+
 @pytest.mark.parametrize("bad", ["no/b", "folder"])
 @pytest.mark.parametrize("is_last", [True, False])
 def test_a_file_that_cannot_be_written_keeps_the_others(bad: str, is_last: bool, tmp_path: Path) -> None:

@@ -41,7 +41,9 @@ def in_options(text: str) -> str:
     own = context.command.params if context is not None else []
     others = [each for command in cli.commands.values() for each in command.params if isinstance(each, click.Option)]
     known = {each.name: each for each in reversed((*own, *others))}
-    return ARGUMENT.sub(lambda found: _option(known[found[1]], found[2].strip("'")) if found[1] in known else found[0], text)
+    return ARGUMENT.sub(
+        lambda found: _option(known[found[1]], found[2].replace("'", "")) if found[1] in known else found[0], text
+    )
 
 
 def _option(parameter: click.Parameter, value: str) -> str:
@@ -81,7 +83,8 @@ def show(result: Result, as_json: bool, plot: Path | EllipsisType | None = ...) 
     """
     if as_json:
         data = result.to_dict()
-        data |= {key: [*map(in_options, data[key])] for key in ("notes", "warnings") if key in data}
+        for key in {"notes", "warnings"}.intersection(data):
+            data[key] = [*map(in_options, data[key])]
         if plot is not ...:
             data["plot"] = None if plot is None else str(plot)
         console.print_json(data)

@@ -150,7 +150,7 @@ def explore(map: Path, config: Path | None, folder: Path | None, port: int, no_b
     require_plotly("explore")
     target = _target(folder, config)
     explorer = opened(map, config)
-    console.note(*map(in_options, explorer.notes))
+    console.note(*[in_options(note) for note in explorer.notes])
     with ExploreServer(explorer, target, port) as server:
         _serve(server, browser=not no_browser)
 

@@ -25,6 +25,7 @@ from codegen.cli.options import (
 )
 from codegen.cli.suite_command import SUITES, SuiteChoices
 from codegen.errors import CodegenError
+from hil_sim.settings import SPEED_RANGE_KM_H, STEERING_WHEEL_ANGLE_RANGE_DEG
 
 SETTINGS = ("speed_km_h", "steering_wheel_angle_deg")
 OF_A_SCENARIO = (
@@ -43,12 +44,10 @@ OF_A_SCENARIO = (
 @click.option("--build", type=build_folder, metavar="DIR", help="A folder made by codegen build.")
 @click.option("--map", type=map_file, metavar="MAP.npz", help="Use the car of this map instead of the build's.")
 @scenario_option
-@click.option(
-    "--speed-km-h", type=FiniteRange(min=1.0, max=400.0), metavar="KM/H", help="Speed, for scenarios that accept one."
-)
+@click.option("--speed-km-h", type=FiniteRange(*SPEED_RANGE_KM_H), metavar="KM/H", help="Speed, for scenarios that accept one.")
 @click.option(
     "--steering-wheel-angle-deg",
-    type=FiniteRange(min=-1500.0, max=1500.0),
+    type=FiniteRange(*STEERING_WHEEL_ANGLE_RANGE_DEG),
     metavar="DEG",
     help="Steering-wheel angle, for scenarios that accept one.",
 )

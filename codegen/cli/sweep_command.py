@@ -86,12 +86,12 @@ def sweep(
             check_output(path, suffix, (spec, measured))
         if run_path is not None:
             check_formats((run_path,))
-        found = codegen.replay(spec, run, measured=measured, folder=folder, isa=isa, progress=console.shown)
+        replayed = codegen.replay(spec, run, measured=measured, folder=folder, isa=isa, progress=console.shown)
         if run_path is not None:
-            found.save(run_path)
+            replayed.save(run_path)
         if plot is not None:
-            found.plot(plot)
-        show(found, as_json)
+            replayed.plot(plot)
+        show(replayed, as_json)
         return
     _refuse("a campaign", {"--plot": plot, "--run": run_path})
     if folder is None:

@@ -423,7 +423,9 @@ class Config(Section):
             )
         data: dict[str, Any] = {name: getattr(self, name) for name in Config.model_fields}
         for key, value in changes.items():
-            name, *rest = key.split(".")
+            name, *rest = parts = key.split(".")
+            if not all(parts):
+                raise ConfigError(f"{key!r} is no key", where=where, remedy="give dotted keys of ars.toml, as vehicle.mass_kg")
             data[name] = _merged(data.get(name), functools.reduce(lambda inner, part: {part: inner}, reversed(rest), value))
         return parse(data, where)
 

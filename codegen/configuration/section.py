@@ -14,9 +14,9 @@ from itertools import pairwise
 from typing import Any, ClassVar, get_args
 
 from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, GetJsonSchemaHandler, ValidationError
-from pydantic_core import CoreSchema, core_schema
+from pydantic_core import CoreSchema, ErrorDetails, core_schema
 
-from codegen.errors import CodegenError, suggestion
+from codegen.errors import CodegenError, one_line, suggestion
 
 NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,62}\Z", re.ASCII)
 
@@ -167,10 +167,29 @@ Location = tuple[int | str, ...]
 NUMBER_FAULTS: Mapping[str, str] = {
     "greater_than_equal": "{} is below {ge}, the smallest value; check the value and its unit",
     "less_than_equal": "{} is above {le}, the largest value; check the value and its unit",
-    "int_type": "a whole number is needed, not {}",
-    "int_from_float": "a whole number is needed, not {}",
 }
 """Type of a fault that pydantic finds in a number -> message."""
+NEEDED: Mapping[str, str] = {
+    "literal_error": "{expected}",
+    "bool_type": "true or false",
+    "string_type": "a text",
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "float_type": "a number",
+    "list_type": "a list",
+    "tuple_type": "a list",
+    "dict_type": "a table",
+    "model_type": "a table",
+}
+"""Type of a fault -> values that are allowed."""
+
+
+def needed(fault: ErrorDetails) -> str:
+    """Return the message for a value of a wrong type."""
+    if fault["type"] == "missing":
+        return "it is missing"
+    allowed = NEEDED.get(fault["type"], "another value").format(**fault.get("ctx", {}))
+    return f"{allowed} is needed, not {one_line(shown(fault['input']), 80)}"
 
 
 def key_of_entry(location: Location) -> str:
@@ -223,7 +242,7 @@ def first_fault(
     elif fault["type"] in ("too_short", "too_long"):
         message = _length_fault(fault)
     else:
-        message = f"{fault['msg']} (not {shown(fault['input'])})"
+        message = needed(fault)
     what, _, remedy = message.partition("; ")
     return kind(what, where=place, remedy=remedy or "correct the value")
 

@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from codegen import configuration
 from codegen.configuration import Kind
+from codegen.configuration.section import needed
 from codegen.emit.folder import MANIFEST, read_manifest
 from codegen.errors import BuildError
 
@@ -160,9 +161,7 @@ def read_build(folder: Path) -> dict[str, Any]:
     except ValidationError as error:
         fault = error.errors(include_url=False)[0]
         entry = ".".join(str(part) for part in fault["loc"])
-        said = fault["msg"].partition(" or instance of")[0]
-        what = f"{entry}: {said[0].lower()}{said[1:]}"
-        raise BuildError(what, where=place, remedy="build again with `codegen build`") from None
+        raise BuildError(f"{entry}: {needed(fault)}", where=place, remedy="build again with `codegen build`") from None
     for section, field in configuration.Config.model_fields.items():
         if section not in found.configuration and field.exclude_if is None:
             raise BuildError(f"configuration.{section}: missing", where=place, remedy="build again with `codegen build`")

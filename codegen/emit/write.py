@@ -81,7 +81,7 @@ def _refuse_other_kind(folder: Folder, place: Path, target: Path) -> None:
         raise BuildError(
             "the folder contains another kind of generated project",
             where=target,
-            remedy="nothing was changed; choose another folder with -o",
+            remedy="nothing was changed; choose another folder",
         )
 
 

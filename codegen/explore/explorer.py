@@ -37,10 +37,10 @@ from codegen.report.map_plots import binding_colours
 from codegen.report.style import phase_lines
 from codegen.units import KM_H
 from hil_sim import manoeuvres
-from hil_sim.manoeuvres import Settings
 from hil_sim.metrics.run import column, spin_time
 from hil_sim.metrics.standards import step_metrics
 from hil_sim.scenarios import SCENARIOS
+from hil_sim.settings import Settings
 
 Data = dict[str, Any]
 

@@ -164,7 +164,7 @@ def refuse_target(target: Path) -> None:
     """Check that writing a project to a folder destroys nothing. Raises BuildError: see `refuse_folder`, or it was built."""
     place = resolved(target, BuildError)
     if owned_paths(place) and read_manifest(place).get("what") == WHAT and (place / MADE_BY_MAKE).exists():
-        remedy = f"run `make -C {target} clean`, then this command again; or choose another folder with -o"
+        remedy = f"run `make -C {target} clean`, then this command again; or choose another folder"
         raise BuildError(f"it holds {MADE_BY_MAKE}/, which its Makefile made", where=target, remedy=remedy)
     refuse_folder(target, WHAT, "a firmware project")
 

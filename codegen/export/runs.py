@@ -74,7 +74,7 @@ def check_formats(paths: Iterable[Path]) -> None:
         form = FORMATS.get(path.suffix.lower())
         if form is None:
             known = ", ".join(FORMATS)
-            raise CodegenError("no format for a run", where=path, remedy=f"end its name in {known}; a picture is a plot")
+            raise CodegenError("no format for a run", where=path, remedy=f"end its name in {known}; a picture is drawn by plot")
         if form.package is not None and importlib.util.find_spec(form.package) is None:
             raise missing(form.package, f"writes {path.suffix}", path)
 

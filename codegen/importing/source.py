@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from codegen.errors import CodegenError
-from codegen.files import read_file
+from codegen.files import decoded, read_file
 
 MIB = 2**20
 
@@ -39,18 +39,14 @@ class Source:
 
 def read(path: Path, limit: int) -> Source:
     """Read a regular file of at most `limit` bytes. Raises ImportFault."""
-    data = read_file(path, limit, "name the file to import, without what is not needed", ImportFault)
+    data = read_file(path, limit, "name the file to import", ImportFault, smaller="leave out what is not needed")
     if not data:
         raise ImportFault("empty", where=path, remedy="save it again")
     return Source(path, data)
 
 
 def text_of(source: Source) -> str:
-    """Return the text: UTF-8 with or without a byte order mark, else Latin-1. Raises ImportFault for binary data."""
+    """Return the text; see `decoded`. Raises ImportFault for binary data."""
     if b"\0" in source.data:
         raise ImportFault("not a text file (it holds zero bytes)", where=source.path, remedy="save it as UTF-8 text")
-    try:
-        text = source.data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = source.data.decode("latin-1")
-    return text.replace("\r\n", "\n").replace("\r", "\n")
+    return decoded(source.data).replace("\r\n", "\n").replace("\r", "\n")

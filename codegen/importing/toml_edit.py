@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import tomlkit
@@ -10,7 +11,9 @@ from tomlkit.container import Container
 from tomlkit.exceptions import TOMLKitError
 from tomlkit.items import AoT, Comment, Item, Key, Null, Table
 
-from codegen.configuration import Config
+from codegen.configuration import CONFIG_BYTES_MAX, Config, load
+from codegen.errors import ConfigError
+from codegen.files import read_text
 from codegen.importing.source import ImportFault
 
 Entry = tuple[Key | None, Item]
@@ -20,6 +23,13 @@ def whole(config: Config, author: str) -> str:
     """Return all keys of a configuration as TOML."""
     keys = tomlkit.dumps(config.model_dump(mode="json", exclude_none=True))
     return f"# Written by {author}: every key, units in the names.\n\n{keys}"
+
+
+def with_text(given: Config | Path) -> tuple[Config, str]:
+    """Return a configuration and its text as TOML; that of a file has its comments. Raises ConfigError."""
+    if isinstance(given, Config):
+        return given, whole(given, "codegen")
+    return load(given), read_text(given, CONFIG_BYTES_MAX, "name an ars.toml", ConfigError)
 
 
 def replace_values(text: str, table: str, values: Mapping[str, Any], renamed: Mapping[str, str], remark: str) -> str:

@@ -21,7 +21,7 @@ from codegen.configuration import Config
 from codegen.errors import ConfigError
 from codegen.importing.magic_formula import TIR_BYTES_MAX, Curve, LateralFormula, parse, read_formula
 from codegen.importing.source import ImportFault, Source, read
-from codegen.importing.toml_edit import replace_values
+from codegen.importing.toml_edit import replace_values, with_text
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre, static_wheel_loads
 
 Peak = Literal["file", "road"]
@@ -88,20 +88,19 @@ class TyreImport:
         return {axle.axle: {key: value for key, value in asdict(axle).items() if key != "axle"} for axle in self.axles}
 
 
-def import_tyres(paths: Sequence[Path], config_path: Path, peak: Peak = "file") -> TyreImport:
+def import_tyres(paths: Sequence[Path], given: Config | Path, peak: Peak = "file") -> TyreImport:
     """Put the tyres of one file (both axles) or two (front, rear) into a configuration.
 
     Args:
         paths: one or two `.tir` files.
-        config_path: the ars.toml of the car, whose text is edited.
+        given: configuration of the car, or its ars.toml, whose text is edited.
         peak: "file": the peak at static load is the file's, independent of road.friction; "road": it is road.friction.
 
     Raises:
         ImportFault: a file or the car cannot give the tyre.
         ConfigError: the configuration cannot be read, or cannot hold the tyre.
     """
-    config = configuration.load(config_path)
-    text = read(config_path, configuration.CONFIG_BYTES_MAX).data.decode("utf-8-sig")
+    config, text = with_text(given)
     loads = static_wheel_loads(config)
     files = [read(path, TIR_BYTES_MAX) for path in paths]
     sources = files if len(files) == 2 else files * 2

@@ -34,9 +34,19 @@ def _known(name: object) -> Preset:
     raise CodegenError(f"there is no preset {name!r}", remedy=f"known: {', '.join(known)}{suggestion(str(name), known)}")
 
 
-def given_config(config: Any) -> Config | Path | None:
-    """Return an argument `config` as `choose_config` takes it. Raises CodegenError."""
-    return config if config is None or isinstance(config, Config) else path_of(config, "a configuration")
+def known_config(config: ConfigLike) -> Config | Path:
+    """Return an argument `config` as a configuration or a path. Raises CodegenError."""
+    return config if isinstance(config, Config) else path_of(config, "a configuration")
+
+
+def given_config(config: ConfigLike | None) -> Config | Path | None:
+    """Return an optional argument `config` as `choose_config` takes it. Raises CodegenError."""
+    return None if config is None else known_config(config)
+
+
+def name_of(config: Config | Path) -> str:
+    """Return the name of a configuration in messages."""
+    return "the configuration" if isinstance(config, Config) else str(config)
 
 
 @public

@@ -8,12 +8,12 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from codegen.configuration import CONFIG_BYTES_MAX, Config, load, parse
+from codegen.configuration import Config, load, parse
 from codegen.emit.folder import Folder
 from codegen.emit.outputs import check_output, refuse_folder
 from codegen.emit.write import check_target, write_folder
-from codegen.errors import CodegenError, ConfigError, within
-from codegen.files import read_text, write_atomically, write_together
+from codegen.errors import CodegenError, within
+from codegen.files import write_atomically, write_together
 from codegen.identify import plan_output, summary
 from codegen.identify.drive_plan import DrivePlan as Plan
 from codegen.identify.drive_plan import plan_drives as choose_drives
@@ -25,6 +25,8 @@ from codegen.identify.plan_output import MANIFEST_WHAT
 from codegen.identify.reading import Reading
 from codegen.identify.reading import read_drives as read
 from codegen.identify.result import identified_toml
+from codegen.importing.toml_edit import with_text
+from codegen.library.configurations import ConfigLike, known_config, name_of
 from codegen.library.logs import names_of, paths_of
 from codegen.library.result import PathLike, Progress, Result, Work, path_of, public
 from codegen.logs.account import to_dict
@@ -87,6 +89,13 @@ def reading_as_json(reading: Reading) -> dict[str, Any]:
     return {"drives": drives, "findings": [dataclasses.asdict(each) for each in reading.findings]}
 
 
+def drives_of(logs: Paths) -> tuple[Path, ...]:
+    """Return the paths of measured drives. Raises CodegenError if there is none."""
+    if places := paths_of(logs, "a log"):
+        return places
+    raise CodegenError("no drive is named", where="`logs=`", remedy="name a measured drive")
+
+
 @public
 def read_drives(
     logs: Paths,
@@ -97,7 +106,7 @@ def read_drives(
     progress: Progress | None = None,
 ) -> Drives:
     """Read logs of drives and report what was found in them. Arguments and errors are those of `log`."""
-    places, names = paths_of(logs, "a log"), names_of(signals, channel)
+    places, names = drives_of(logs), names_of(signals, channel)
     with Work(progress).status(f"reading {', '.join(path.name for path in places)}"):
         reading = read(places, paths_of(dbc, "a database"), names)
     return Drives(reading, channel, signals is not None)
@@ -114,11 +123,10 @@ class Identification(Result):
         written: files by kind that were written.
     """
 
-    def __init__(self, config_path: Path, drives: Drives, outcome: Outcome) -> None:
-        text = read_text(config_path, CONFIG_BYTES_MAX, "name an ars.toml", ConfigError)
-        self.text = identified_toml(outcome.found, text, config_path, outcome.doubts)
+    def __init__(self, text: str, where: str, drives: Drives, outcome: Outcome) -> None:
+        self.text = identified_toml(outcome.found, text, where, outcome.doubts)
         self.drives, self._outcome, self.doubts = drives, outcome, outcome.doubts
-        self.config: Config = parse(tomllib.loads(self.text), config_path)
+        self.config: Config = parse(tomllib.loads(self.text), where)
         self.warnings = (*drives.findings, *(f"in doubt: {doubt}" for doubt in outcome.doubts))
         self.notes = (*self._doubt_notes("it"), *outcome.found.notes)
         if not outcome.is_held_out:
@@ -170,7 +178,7 @@ class Identification(Result):
 
 @public
 def identify(
-    config: PathLike,
+    config: ConfigLike,
     logs: Paths,
     *,
     hold_out: Paths = (),
@@ -184,7 +192,7 @@ def identify(
     A quantity that the drives do not determine keeps its configured value, and the missing manoeuvre is named.
 
     Args:
-        config: path of an ars.toml with known values, and a guess of the others.
+        config: the car with known values, and a guess of the others, or the path of its ars.toml.
         logs: measured drives: .mf4, .blf, .asc, .log (candump), .csv or .parquet.
         hold_out: drives that are only predicted, to validate the result.
         dbc, channel, signals: as for `log`.
@@ -193,17 +201,15 @@ def identify(
     Raises:
         CodegenError: a file cannot be read, the drives contradict each other, or nothing can be identified.
     """
-    place, fitted, held = path_of(config, "the path of an ars.toml"), paths_of(logs, "a log"), paths_of(hold_out, "a log")
-    if not fitted:
-        raise CodegenError("no drive is named", where="logs", remedy="name a measured drive")
+    given, fitted, held = known_config(config), drives_of(logs), paths_of(hold_out, "a log")
     work, names = Work(progress, 2), names_of(signals, channel)
-    known = load(place)
+    known, text = with_text(given)
     with work.status(f"reading {', '.join(path.name for path in (*fitted, *held))}"):
         reading = read([*fitted, *held], paths_of(dbc, "a database"), names)
     refuse_contradictions(reading.findings)
     with within(", ".join(map(str, fitted))), work.status("identifying"):
         outcome = identify_and_predict(known, reading.drives[: len(fitted)], reading.drives[len(fitted) :])
-    return Identification(place, Drives(reading, channel, signals is not None), outcome)
+    return Identification(text, name_of(given), Drives(reading, channel, signals is not None), outcome)
 
 
 class DrivePlan(Result):
@@ -251,7 +257,7 @@ def refuse_plan_folder(folder: Path) -> None:
 
 @public
 def plan_drives(
-    config: PathLike,
+    config: ConfigLike,
     *,
     lateral_acceleration_max: float = ACCELERATION_DEFAULT,
     duration: float = DURATION_DEFAULT,
@@ -261,7 +267,7 @@ def plan_drives(
     """Choose the drives that determine the configured car best, and predict the standard deviations.
 
     Args:
-        config: path of an ars.toml.
+        config: the car, or the path of its ars.toml.
         lateral_acceleration_max: m/s^2.
         duration: of all drives together, in s.
         signals: names.toml with the signals that will be measured; by default all.
@@ -270,10 +276,10 @@ def plan_drives(
     Raises:
         CodegenError: no drives within the limits determine anything.
     """
-    place = path_of(config, "the path of an ars.toml")
+    given = known_config(config)
     measured = signals_of(None if signals is None else load_names(path_of(signals, "a names.toml")))
-    known = load(place)
-    with within(place), Work(progress).status("choosing drives"):
+    known = given if isinstance(given, Config) else load(given)
+    with within(name_of(given)), Work(progress).status("choosing drives"):
         return DrivePlan(choose_drives(known, lateral_acceleration_max, duration, measured))
 
 

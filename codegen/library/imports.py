@@ -15,6 +15,7 @@ from codegen.importing.maps import Choices
 from codegen.importing.maps import import_map as read_map
 from codegen.importing.tyre import AxleImport, TyreImport
 from codegen.importing.tyre import import_tyres as read_tyres
+from codegen.library.configurations import ConfigLike, known_config, name_of
 from codegen.library.logs import paths_of
 from codegen.library.maps import Map
 from codegen.library.result import PathLike, Result, path_of, public
@@ -80,9 +81,9 @@ def import_map(
 class ImportedTyres(Result):
     """Tyres from .tir files in a configuration: `config`, and its text as ars.toml."""
 
-    def __init__(self, imported: TyreImport, config_path: Path) -> None:
+    def __init__(self, imported: TyreImport, where: str) -> None:
         self._imported, self.notes, self.text = imported, tuple(imported.notes), imported.text
-        self.config: Config = parse(parse_toml(imported.text, config_path, ConfigError), config_path)
+        self.config: Config = parse(parse_toml(imported.text, where, ConfigError), where)
         self.path: Path | None = None
 
     def save(self, path: PathLike) -> None:
@@ -110,20 +111,20 @@ class ImportedTyres(Result):
 
 @public
 def import_tyres(
-    files: PathLike | Sequence[PathLike], config: PathLike, *, peak: Literal["file", "road"] = "file"
+    files: PathLike | Sequence[PathLike], config: ConfigLike, *, peak: Literal["file", "road"] = "file"
 ) -> ImportedTyres:
     """Read the tyres of .tir files into the configuration of a car.
 
     Args:
         files: one file for both axles, or front and rear.
-        config: path of the ars.toml of the car, which is not changed.
+        config: the car, or the path of its ars.toml, which is not changed.
         peak: take the peak friction of the file, or `road.friction`.
 
     Raises:
         CodegenError: a file cannot be read, or has no lateral force.
     """
-    place = path_of(config, "the path of an ars.toml")
-    return ImportedTyres(read_tyres(paths_of(files, "a .tir file"), place, peak), place)
+    given = known_config(config)
+    return ImportedTyres(read_tyres(paths_of(files, "a .tir file"), given, peak), name_of(given))
 
 
 def _column(axle: AxleImport) -> dict[str, str]:

@@ -4,11 +4,23 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from types import NoneType, UnionType
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    Literal,
+    TypeVar,
+    Union,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 from pydantic import ConfigDict, ValidationError, validate_call
 
@@ -62,8 +74,30 @@ def _wrong_argument(function: Callable[..., Any], error: ValidationError) -> Cod
         )
     if fault["type"].startswith("missing_argument"):
         return CodegenError(f"the argument {name!r} is missing", where=where, remedy=f"its arguments are {', '.join(known)}")
-    remedy = str(fault["msg"]).replace("Input should be", "give")
-    return CodegenError(f"{one_line(repr(fault['input']), 60)} is no {name}", where=where, remedy=remedy)
+    allowed = " or ".join(_allowed(get_type_hints(function, include_extras=True)[name]))
+    return CodegenError(f"{one_line(repr(fault['input']), 60)} is no {name}", where=where, remedy=f"give {allowed}")
+
+
+_WORDS = {bool: "True or False", int: "a whole number", float: "a number", str: "a text", Path: "a path"}
+_GENERIC = {Sequence: "a list", Mapping: "a dictionary", Callable: "a function"}
+
+
+def _allowed(annotation: Any) -> list[str]:
+    """Return the kinds of values that an annotation allows, in words."""
+    kind, parts = get_origin(annotation), get_args(annotation)
+    if kind is Annotated:
+        low, high = (getattr(parts[1], name, None) for name in ("ge", "le"))
+        return [
+            f"{each} {f'of {low:g} or more' if high is None else f'from {low:g} to {high:g}'}" for each in _allowed(parts[0])
+        ]
+    if kind in (Union, UnionType):
+        inner = [each for each in parts if each is not NoneType and not (each is str and Path in parts)]
+        return list(dict.fromkeys(word for each in inner for word in _allowed(each)))
+    if kind is Literal:
+        return [repr(each) for each in parts]
+    if kind is Sequence:
+        return ["a list of " + " or ".join(f"{each.removeprefix('a ')}s" for each in _allowed(parts[0]))]
+    return [_GENERIC.get(kind) or _WORDS.get(annotation) or f"a {annotation.__name__}"]
 
 
 class Result:

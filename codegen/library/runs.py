@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from annotated_types import Ge
+from annotated_types import Ge, Interval
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
@@ -33,6 +33,7 @@ from hil_sim.metrics.run import Run as Recorded
 from hil_sim.metrics.verdict import Covers
 from hil_sim.scenario_files import with_settings
 from hil_sim.scenarios import DEFAULT, Scenario, find
+from hil_sim.settings import SPEED_RANGE_KM_H, STEERING_WHEEL_ANGLE_RANGE_DEG
 
 if TYPE_CHECKING:
     import pandas
@@ -40,6 +41,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 CONTROLLED, PASSIVE = "controlled", "passive"
+
+SpeedKmH = Annotated[float, Interval(ge=SPEED_RANGE_KM_H[0], le=SPEED_RANGE_KM_H[1])]
+SteeringWheelAngleDeg = Annotated[float, Interval(ge=STEERING_WHEEL_ANGLE_RANGE_DEG[0], le=STEERING_WHEEL_ANGLE_RANGE_DEG[1])]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -207,8 +211,8 @@ def run(
     scenario: str | Path = DEFAULT,
     *,
     map: MapLike | None = None,
-    speed_km_h: float | None = None,
-    steering_wheel_angle_deg: float | None = None,
+    speed_km_h: SpeedKmH | None = None,
+    steering_wheel_angle_deg: SteeringWheelAngleDeg | None = None,
     baselines: bool = False,
     plant: Literal["two-track", "roll"] = "two-track",
     through_can: bool = False,
@@ -245,8 +249,9 @@ def run(
         notes = [] if config is not None else [f"{place_of(found)} contains no car; using the build's"]
     with work.status(f"compiling {folder}"):
         software = load(folder, config)
-    base = with_settings(find(str(scenario), software.config), _settings(speed_km_h, steering_wheel_angle_deg))
-    driven = base.with_clocks(clock_drift_ppm, jitter_ms)
+    settings = {"speed_km_h": speed_km_h, "steering_wheel_angle_deg": steering_wheel_angle_deg}
+    given = {key: value for key, value in settings.items() if value is not None}
+    driven = with_settings(find(str(scenario), software.config), given).with_clocks(clock_drift_ppm, jitter_ms)
     if not software.selftest():
         raise CheckFailed("the generated self-test fails", where=folder, remedy="build again")
     drive = _Drive(driven, plant, through_can, sensors, seed)
@@ -275,23 +280,6 @@ def run(
         covers=coverage(read_build(folder)),
     )
     return Run(recording, (*notes, *edited_notes(folder, software.edited)), car_warnings(software.config))
-
-
-RANGES = {"speed_km_h": (1.0, 400.0), "steering_wheel_angle_deg": (-1500.0, 1500.0)}
-"""Range of each setting of a scenario."""
-
-
-def _settings(speed_km_h: float | None, steering_wheel_angle_deg: float | None) -> dict[str, float]:
-    """Return the settings that are given. Raises CodegenError for one outside of its range."""
-    given = {"speed_km_h": speed_km_h, "steering_wheel_angle_deg": steering_wheel_angle_deg}
-    settings = {key: value for key, value in given.items() if value is not None}
-    for key, value in settings.items():
-        low, high = RANGES[key]
-        if not low <= value <= high:
-            raise CodegenError(
-                f"{value!r} is not a number from {low:g} to {high:g}", where=f"`{key}=`", remedy="correct the value"
-            )
-    return settings
 
 
 def _refuse(plant: str, through_can: bool, drift_ppm: float | None, jitter_ms: float | None, sensors: bool) -> None:

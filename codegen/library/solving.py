@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Literal
 
-from codegen.configuration import Config
 from codegen.errors import CodegenError, within
-from codegen.library.configurations import ConfigLike, given_config
+from codegen.library.configurations import ConfigLike, given_config, name_of
 from codegen.library.maps import Map
 from codegen.library.result import Progress, Work, public
 from codegen.map_file.map import Chosen, ReferenceMap, choose_config
@@ -118,7 +117,7 @@ def solve(
     title = f"solving {case}" + ("" if friction is None else f" for {len(friction)} frictions")
     title += "" if longitudinal_acceleration is None else f" for {len(longitudinal_acceleration)} accelerations"
     title += "" if share is None else f" for {100.0 * share:g} % of the cars"
-    place = "the paper's preset" if given is None else "" if isinstance(given, Config) else given
+    place = "the paper's preset" if given is None else name_of(given)
     solver: Method = method
     uncertain = None
     with within(place), Work(progress).stage(title) as tell:

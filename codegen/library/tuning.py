@@ -16,7 +16,7 @@ from codegen.ecu_map.model_excess import COARSE
 from codegen.errors import CodegenError, ConfigError, MapError, within
 from codegen.judgement.judge import judge_tuned
 from codegen.judgement.model import Judgement
-from codegen.library.configurations import ConfigLike, given_config
+from codegen.library.configurations import ConfigLike, given_config, name_of
 from codegen.library.maps import Map, MapLike, map_of, place_of
 from codegen.library.result import Progress, Work, public
 from codegen.map_file import map as npz
@@ -154,7 +154,7 @@ def tune(map: MapLike, config: ConfigLike | None = None, *, progress: Progress |
         remedy = "name one with `config=`"
         raise MapError("it contains no configuration, and so no car to design for", where=place, remedy=remedy)
     chosen = choose_config(reference_map, given)
-    where = place if given is None else "the configuration" if isinstance(given, Config) else str(given)
+    where = place if given is None else name_of(given)
     if given is not None:
         _check_same_origin(reference_map, chosen.config, where)
     with within(where), work.stage("tuning") as tell:

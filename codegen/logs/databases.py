@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from codegen.errors import CodegenError, one_line
-from codegen.files import read_file, require_regular
+from codegen.files import decoded, read_file, require_regular
 from codegen.importing import library_warnings
 from codegen.importing.xml_head import check_head
 from codegen.limits import Limits
@@ -311,13 +311,10 @@ def _load_dbc(path: Path, findings: list[str]) -> tuple[Database, list[LeftOut]]
 
 
 def _text(data: bytes) -> str:
-    """Return the text of a DBC: UTF-8, UTF-16 with its mark, else Windows-1252."""
+    """Return the text of a DBC: UTF-16 with its mark, else see `decoded`."""
     if data[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
         return data.decode("utf-16", "replace")
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return data.decode("cp1252", "replace")
+    return decoded(data)
 
 
 def _unusable(lines: Sequence[str]) -> Iterator[tuple[int, str]]:

@@ -159,7 +159,7 @@ def open_measurement(path: Path, time: str | None = None, time_unit: str | None 
         CodegenError: it cannot be read.
     """
     kind = path.suffix.lower()
-    require_regular(path, TABLE_BYTES_MAX if kind in TABLES else BYTES_MAX, "give a shorter log")
+    require_regular(path, TABLE_BYTES_MAX if kind in TABLES else BYTES_MAX, "name a log", smaller="give a shorter log")
     if kind == ".mf4":
         return _mf4(path)
     return _parquet(path, time, time_unit) if kind == ".parquet" else _text_table(path, time, time_unit)
@@ -180,7 +180,7 @@ def _time_column(columns: Sequence[str], time: str | None, path: Path) -> int:
     found = [index for index, column in enumerate(columns) if quantities.is_time(column)]
     if len(found) != 1:
         what = "no column is called time" if not found else f"{len(found)} columns of times"
-        remedy = f'name it in a file for --signals: time = "NAME"; there is {", ".join(columns)}'
+        remedy = f'name it in a file for `signals=`: time = "NAME"; there is {", ".join(columns)}'
         raise CodegenError(what, where=path, remedy=remedy)
     return found[0]
 
@@ -190,7 +190,7 @@ def _time_size(column: str, unit: str | None, path: Path) -> float:
     text = unit or quantities.split_time(column)[1] or "s"
     known = quantities.time_unit_of(text)
     if known is None:
-        remedy = 'give s, ms, us or ns in a file for --signals, such as time_unit = "ms"'
+        remedy = 'give s, ms, us or ns in a file for `signals=`, such as time_unit = "ms"'
         raise CodegenError(f"{text!r} is no known unit of a time", where=f"{path}: {column}", remedy=remedy)
     return quantities.TIME_UNITS[known]
 

@@ -22,7 +22,7 @@ def read_frames(path: Path) -> tuple[Frames, FileAccount]:
     kind = path.suffix.lower()
     if kind not in LOGS:
         raise CodegenError("not a log of a CAN bus", where=path, remedy="give .blf, .asc, .log (candump) or .mf4 (version 4)")
-    size = require_regular(path, BYTES_MAX, "give a shorter log")
+    size = require_regular(path, BYTES_MAX, "name a log", smaller="give a shorter log")
     limits = Limits.of(size)
     try:
         if kind == ".mf4":

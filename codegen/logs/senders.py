@@ -212,7 +212,7 @@ def _conflict(originals: Sequence[Sender]) -> tuple[str, str]:
     shown = " and ".join(f"{each.frames.size} frames ({_of(each, originals)})" for each in originals)
     channels = list(dict.fromkeys(each.channel for each in originals))
     if len(channels) > 1:
-        remedy = f"choose a bus with `channel=`, {' or '.join(channels)}, or channel in names.toml"
+        remedy = f"choose a bus with `channel={' or '.join(map(repr, channels))}`, or channel in names.toml"
     elif len({each.identifier for each in originals}) > 1:
         remedy = "give a database with the identifier of the sender that counts"
     else:

@@ -17,6 +17,7 @@ import numpy as np
 
 from codegen.arrays import FloatArray
 from codegen.errors import CodegenError, one_line
+from codegen.files import decoded
 from codegen.logs.frames import REMEDY, Collector
 
 LINE_BYTES_MAX = 2**20
@@ -75,7 +76,7 @@ class Lines:
         raise NotImplementedError
 
     def _texts(self) -> Iterator[str]:
-        """Yield the lines of the file: UTF-8, else Windows-1252. Raises CodegenError."""
+        """Yield the lines of the file; see `decoded`. Raises CodegenError."""
         while line := self._file.readline(LINE_BYTES_MAX + 1):
             self.number += 1
             if len(line) > LINE_BYTES_MAX:
@@ -86,10 +87,7 @@ class Lines:
                 raise CodegenError("it has zero bytes, as a text log has not", where=self.place(), remedy=REMEDY)
             if not line.endswith(b"\n") and re.search(rb"\d", line):  # "End TriggerBlock" contains no frame
                 raise CodegenError("it ends inside a line", where=self.place(), remedy=COPY_AGAIN)
-            try:
-                yield line.decode("utf-8-sig" if self.number == 1 else "utf-8")
-            except UnicodeDecodeError:
-                yield line.decode("cp1252", "replace")
+            yield decoded(line)
 
 
 # --- ASC -----------------------------------------------------------------------------------------------------------------

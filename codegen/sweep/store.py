@@ -80,7 +80,7 @@ def open_folder(folder: Path, plan: Plan) -> set[int]:
             raise CodegenError("it holds other files", where=folder, remedy="name a new or an empty folder")
         write_atomically(folder / FACTS, text)
     elif there != text:
-        raise _other(there, plan, folder, "name another folder with -o, or remove this one")
+        raise _other(there, plan, folder, "name another folder, or remove this one")
     if (folder / RUNS).is_file():
         _check_finished(folder / RUNS, plan)
         shutil.rmtree(folder / PARTS, ignore_errors=True)

@@ -18,9 +18,9 @@ from codegen.sil.plant import PlantInput, PlantSample
 from codegen.sil.software import RECORD_COLUMNS, Measurement, Software, Status
 from codegen.units import KM_H
 from hil_sim import manoeuvres
-from hil_sim.manoeuvres import Settings
 from hil_sim.scenarios import Scenario
 from hil_sim.second_plant.plant import LeftModelError, MultiBodyPlant
+from hil_sim.settings import Settings
 
 SPEEDS_KM_H = (40.0, 70.0, 100.0)
 SHARES = (0.3, 0.6, 0.9)

@@ -23,9 +23,9 @@ from codegen.optimum.turns import turns_of
 from codegen.units import KM_H
 from codegen.vehicle.plant_car import deviations
 from hil_sim import manoeuvres
-from hil_sim.manoeuvres import Settings
 from hil_sim.metrics.run import Figures
 from hil_sim.scenarios import Scenario
+from hil_sim.settings import Settings
 
 SPEEDS_KM_H = (25.0, 42.5, 60.0, 80.0, 100.0, 120.0)
 """Speeds for a car that reaches 120 km/h; see `up_to`."""

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from codegen import cli
+from codegen.cli.base import ARGUMENT
 
 ROOT = Path(__file__).resolve().parents[2]
 BUILD, TRACKING = ROOT / "generated" / "4ws2-paper", ROOT / "generated" / "4ws2"
@@ -40,7 +41,9 @@ def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> 
         with pytest.raises(SystemExit) as stopped:
             cli.main()
         assert isinstance(stopped.value.code, int)
-        return Answer(stopped.value.code, *capsys.readouterr())
+        answer = Answer(stopped.value.code, *capsys.readouterr())
+        assert not ARGUMENT.search(answer.out + answer.err), "an argument of the library instead of an option"
+        return answer
 
     return command
 

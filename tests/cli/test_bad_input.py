@@ -73,7 +73,7 @@ def files(here: Path) -> None:
         (f"suite cars --build {BUILD}", "--build: the cars of this suite have builds of their own; leave it out"),
         ("sil --cars 3", "--cars: random cars belong to their suite; use codegen suite cars"),
         (f"{SUITE} --scenario step-steer", "--scenario: it applies to a single scenario"),
-        ("sil -o pictures --build nowhere", "--plot"),
+        ("sil -o pictures --build nowhere", "a picture is drawn by plot"),
         (f"hil --build {BUILD} --ecu cffi --bus vcan0", "'vcan0' is not INTERFACE:CHANNEL"),
         (f"{HIL} --lock-step --scenario ecu-loss", "use --real-time"),
         ("plant --json --bus virtual:x --scenario ecu-loss", "cannot be switched off from here"),

@@ -15,10 +15,10 @@ from hil_sim.bench import run_in_process, run_through_can
 from hil_sim.clocks import FREE_RUNNING
 from hil_sim.codec import DIAGNOSTICS, Codec, frame_of
 from hil_sim.faults import Fault
-from hil_sim.manoeuvres import Settings
 from hil_sim.metrics import column
 from hil_sim.plant_node import PlantNode
 from hil_sim.scenarios import SCENARIOS, Scenario, find
+from hil_sim.settings import Settings
 from tests import builds
 
 CONDITIONS = builds.CONFIG.can.vehicle_conditions.name

@@ -134,7 +134,7 @@ def test_the_manual_reports_failures_and_missing_checks(report: VerificationRepo
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
-        (lambda manifest: manifest.pop("margins"), "margins: field required"),
+        (lambda manifest: manifest.pop("margins"), "margins: it is missing"),
         (lambda manifest: manifest["options"].update(prefix="../x"), "options.prefix: string should match"),
     ],
 )

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from codegen.errors import CodegenError
-from codegen.export.calibration.labels import READ_REMEDY, Label, begins_with, decoded, number_text
+from codegen.export.calibration.labels import READ_REMEDY, Label, begins_with, number_text, text_of
 from codegen.export.calibration.layout import CalibrationObject, Kind, Layout, Numbers, Values
 
 _KINDS: dict[str, Kind] = {
@@ -35,7 +35,7 @@ _PER_LINE = 6
 def read(content: bytes, path: Path, start: str) -> Iterator[Label]:
     """Yield the values, axes, curves and maps of a file whose names begin with `start`; other names are skipped, whatever they
     contain. Raises CodegenError: it is damaged, or such a name is in a block of another kind."""
-    lines = enumerate(decoded(content, path).splitlines(), start=1)
+    lines = enumerate(text_of(content, path).splitlines(), start=1)
     first = next((words for _, line in lines if (words := _words(line))), [])
     if first != ["KONSERVIERUNG_FORMAT", "2.0"]:
         raise CodegenError("does not begin with KONSERVIERUNG_FORMAT 2.0", where=path, remedy=READ_REMEDY)

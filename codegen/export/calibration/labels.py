@@ -12,6 +12,7 @@ import numpy as np
 
 from codegen.errors import CodegenError, suggestion
 from codegen.export.calibration.layout import CalibrationObject, Kind, Layout, Numbers, Values
+from codegen.files import decoded
 
 CALIBRATION_BYTES_MAX = 64 * 2**20
 READ_REMEDY = "give a DCM 2.0 or CDF 2.0 file that a calibration tool or codegen calibrate wrote"
@@ -172,11 +173,8 @@ def _plain(value: Any) -> str:
     return str(int(value)) if isinstance(value, np.integer) else np.format_float_positional(value, unique=True, trim="0")
 
 
-def decoded(content: bytes, where: Path) -> str:
-    """Return the text of a DCM file: UTF-8, or the Latin-1 that most tools write. Raises CodegenError: a binary file."""
+def text_of(content: bytes, where: Path) -> str:
+    """Return the text of a DCM file; see `decoded`. Raises CodegenError: a binary file."""
     if b"\0" in content:
         raise CodegenError("not a text file", where=where, remedy=READ_REMEDY)
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return content.decode("latin-1")
+    return decoded(content)

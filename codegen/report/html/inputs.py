@@ -13,6 +13,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Can
+from codegen.configuration.section import needed
 from codegen.errors import CodegenError, one_line
 from codegen.files import read_file, require_regular
 from codegen.importing import child
@@ -160,9 +161,9 @@ def read_faults(path: Path) -> list[FaultEntry]:
     try:
         return TypeAdapter(FaultFile).validate_json(content)["faults"]
     except ValidationError as error:
-        fault = error.errors(include_url=False, include_input=False, include_context=False)[0]
+        fault = error.errors(include_url=False)[0]
         key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in fault["loc"]).lstrip(".")
-        what = f"not what `codegen faults --json` prints ({one_line(fault['msg'])})"
+        what = f"not what codegen faults prints as JSON ({needed(fault)})"
         where = f"{path}: {one_line(key)}" if key else path
         raise CodegenError(what, where=where, remedy=f"give {KINDS}") from None
 

@@ -18,10 +18,10 @@ from codegen.sil.plant import PlantInput, PlantSample
 from codegen.sil.software import RECORD_COLUMNS
 from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
-from hil_sim.manoeuvres import Settings
 from hil_sim.metrics import column, spin_time
 from hil_sim.scenarios import SCENARIOS, Scenario
 from hil_sim.second_plant import MultiBodyPlant, car_of, cells, published, run
+from hil_sim.settings import Settings
 from tests import builds
 from tests.optimum.cars import changed
 

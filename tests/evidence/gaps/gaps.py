@@ -25,9 +25,9 @@ from codegen.verify.check import Effort, Outcome, Verdict
 from hil_sim import bench, manoeuvres
 from hil_sim.fault_catalogue import catalogue, run_all
 from hil_sim.faults import Fault, FaultKind
-from hil_sim.manoeuvres import Settings
 from hil_sim.metrics import column
 from hil_sim.scenarios import Scenario
+from hil_sim.settings import Settings
 from tests.evidence.progress import Progress
 
 SHOWS = (
