@@ -51,11 +51,16 @@ class _Given:
         paths = (None if path is None else path_of(path, "the path of a TOML file") for path in (spec, measured))
         return cls(*paths)
 
+    @property
+    def stages(self) -> tuple[str, ...]:
+        """Names of the stages of `read`."""
+        return () if self.measured is None else ("controller",)
+
     def read(self, isa: Isa | None, work: Work) -> Plan:
         """Return the plan. Raises CodegenError."""
         if self.measured is None:
             return planning.read(self.spec, isa)
-        with work.stage(f"controller for {self.measured}") as tell:
+        with work.stage("controller", f"controller for {self.measured}") as tell:
             return planning.read(self.spec, isa, self.measured, tell)
 
     def command(self, *, with_folders: bool) -> str:
@@ -158,7 +163,7 @@ def sweep(
     given, place = _Given.of(spec, measured), path_of(folder, "a folder")
     if scheduler is not None and workers is not None:
         raise CodegenError("the cluster has its own workers", where="`workers=`", remedy="leave it out")
-    work = Work(progress, 1 if measured is None else 2)
+    work = Work(progress, *given.stages, "runs", "counting")
     plan = given.read(isa, work)
     engine = nullcontext(Threads(workers)) if scheduler is None else closing(Dask(scheduler))
     with engine as chosen, work.stage("runs") as tell:
@@ -244,9 +249,10 @@ def replay(
     Raises:
         CodegenError: there is no such run, or an input differs.
     """
-    given, work = _Given.of(spec, measured), Work(progress, 1 if measured is None else 2)
+    given = _Given.of(spec, measured)
+    work = Work(progress, *given.stages, "run")
     plan = given.read(isa, work)
     if folder is not None:
         check_same(path_of(folder, "a folder"), plan)
-    with work.status(f"run {run}"):
+    with work.status("run", f"run {run}"):
         return Replay(plan, run, chunk.replay(plan, run))

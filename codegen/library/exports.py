@@ -94,14 +94,16 @@ def export(
             raise CodegenError(
                 f"{value!r} is no {name} of {what}", where="export", remedy=f"known: {', '.join(map(str, known[name]))}"
             )
-    return write(folder_of(build), path_of(path, "the path of an export"), Work(progress), **options)
+    return write(folder_of(build), path_of(path, "the path of an export"), progress, **options)
 
 
-def _a2l(build: Path, path: Path, work: Work, elf: PathLike | None = None, instance: str | None = None) -> Export:
+def _a2l(
+    build: Path, path: Path, progress: Progress | None, elf: PathLike | None = None, instance: str | None = None
+) -> Export:
     """Write the A2L of a build with the addresses that its objects have in a linked program."""
     program = path_of(elf, "elf: a linked program")
     check_output(path, A2L_SUFFIX, (build, program))
-    with work.status(f"reading {program}"):
+    with Work(progress).status(f"reading {program}"):
         filled = fill(build, Elf.read(program), instance)
     write_atomically(path, filled.text.encode("ascii"))
     address, size = filled.segment
@@ -122,7 +124,12 @@ def _a2l(build: Path, path: Path, work: Work, elf: PathLike | None = None, insta
 
 
 def _fmu(
-    build: Path, path: Path, work: Work, model: What = "controller", bus: bool = False, fmi: Version | None = None
+    build: Path,
+    path: Path,
+    progress: Progress | None,
+    model: What = "controller",
+    bus: bool = False,
+    fmi: Version | None = None,
 ) -> Export:
     """Write a co-simulation FMU of a build, with its sources and the binary for this machine."""
     if bus and model not in ("plant", "ecu"):
@@ -131,7 +138,7 @@ def _fmu(
     has_bus = kind in WITH_BUS
     version: Version = fmi or ("3" if has_bus else "2")
     check_output(path, FMU_SUFFIX, (build,))
-    with work.status(f"compiling {build}"):
+    with Work(progress).status(f"compiling {build}"):
         made = make_fmu(build, kind, version)
     write_atomically(path, made.content)
     counted = {role: sum(each.role == role for each in made.variables) for role in ("input", "output", "fixed", "tunable")}
@@ -160,10 +167,12 @@ def _fmu(
     return Export(path, [line], facts, edited_notes(build, tuple(made.edited)))
 
 
-def _arxml(build: Path, path: Path, work: Work, e2e: Protection = "transformer", access: Access = "explicit") -> Export:
+def _arxml(
+    build: Path, path: Path, progress: Progress | None, e2e: Protection = "transformer", access: Access = "explicit"
+) -> Export:
     """Write the ARXML (R22-11) of a build, and the C between the RTE and the controller."""
     refuse_folder(path, WHAT, "a description for AUTOSAR")
-    with work.status(f"describing {build}"):
+    with Work(progress).status(f"describing {build}"):
         made = describe(build, e2e, access)
     changed, files = _written(made.folder, path)
     facts: dict[str, Any] = {"build": str(build), "autosar": str(path), "e2e": e2e, "access": access}
@@ -173,7 +182,7 @@ def _arxml(build: Path, path: Path, work: Work, e2e: Protection = "transformer",
     return Export(path, [line], facts, edited_notes(build, tuple(made.edited)))
 
 
-def _firmware(build: Path, path: Path, work: Work, run: bool = False, toolchain: str | None = None) -> Export:
+def _firmware(build: Path, path: Path, progress: Progress | None, run: bool = False, toolchain: str | None = None) -> Export:
     """Write a small bare-metal project for a Cortex-M4F, which runs the task of a build against a recorded drive."""
     if toolchain is not None and not run:
         raise CodegenError("it needs `run=True`", where="`toolchain=`", remedy="add `run=True`, or give TOOLCHAIN=zig to make")
@@ -181,12 +190,13 @@ def _firmware(build: Path, path: Path, work: Work, run: bool = False, toolchain:
         firmware.require_tools()
     chosen = firmware.choose_toolchain(toolchain) if run else None
     firmware.refuse_target(path)
-    with work.status(f"recording a run of {build}"):
+    work = Work(progress, "recording", *(["running"] if run else []))
+    with work.status("recording", f"recording a run of {build}"):
         made = firmware.project(build)
     changed, files = _written(made.folder, path)
     ran = None
     if chosen is not None:
-        with work.status("compiling the firmware and running it in QEMU"):
+        with work.status("running", "compiling the firmware and running it in QEMU"):
             ran = firmware.run_image(made.folder.files, made.sent, chosen)
     facts = {"build": str(build), "firmware": str(path), "changed": changed, "files": files}
     facts |= {"edited": list(made.edited), "run": None if ran is None else ran.to_dict()}

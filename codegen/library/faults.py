@@ -63,11 +63,11 @@ def faults(
     Raises:
         CodegenError: the C does not compile, or the bus cannot be opened.
     """
-    folder, work = folder_of(build), Work(progress, 2)
+    folder, work = folder_of(build), Work(progress, "compiling", "faults")
     if bus is None and ecu is not None:
         raise CodegenError("without a bus there is no ECU to choose", where="`ecu=`", remedy="add `bus=`")
     address, facts = None if bus is None else BusAddress.parse(bus), BuildFacts.read(folder)
-    with work.status(f"compiling {folder}"):
+    with work.status("compiling", f"compiling {folder}"):
         software = load(folder) if address is None else None
 
     def drive(scenario: Scenario) -> BenchResult:

@@ -202,9 +202,9 @@ def identify(
         CodegenError: a file cannot be read, the drives contradict each other, or nothing can be identified.
     """
     given, fitted, held = known_config(config), drives_of(logs), paths_of(hold_out, "a log")
-    work, names = Work(progress, 2), names_of(signals, channel)
+    work, names = Work(progress, "reading", "identifying"), names_of(signals, channel)
     known, text = with_text(given)
-    with work.status(f"reading {', '.join(path.name for path in (*fitted, *held))}"):
+    with work.status("reading", f"reading {', '.join(path.name for path in (*fitted, *held))}"):
         reading = read([*fitted, *held], paths_of(dbc, "a database"), names)
     refuse_contradictions(reading.findings)
     with within(", ".join(map(str, fitted))), work.status("identifying"):

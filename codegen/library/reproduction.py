@@ -10,8 +10,8 @@ from codegen.library.result import PathLike, Progress, Result, Work, path_of, pu
 class Paper(Result):
     """The paper's tables beside ours, and the files that were written."""
 
-    def __init__(self, folder: PathLike, work: Work) -> None:
-        with work.stage("reproducing the paper") as tell:
+    def __init__(self, folder: PathLike, progress: Progress | None) -> None:
+        with Work(progress).stage("reproducing the paper") as tell:
             tell(0, 1, "loading")
             from codegen.report.paper import reproduce
 
@@ -34,4 +34,4 @@ def paper(folder: PathLike, *, progress: Progress | None = None) -> Paper:
         folder: for maps, C, plots, runs and the report.
         progress: called with the share of the work that is done.
     """
-    return Paper(folder, Work(progress))
+    return Paper(folder, progress)

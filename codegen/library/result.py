@@ -150,39 +150,44 @@ def drawn(figure: Figure, path: PathLike | None) -> Figure:
 
 
 class Work:
-    """Progress of a function in `stages` parts of about equal length.
+    """Progress of a function in stages of about equal length.
 
     The command line shows each stage with its title; any other callback gets the share of the whole.
     """
 
-    def __init__(self, progress: Progress | None, stages: int = 1) -> None:
-        self._progress, self._stages, self._done, self._share = progress, stages, 0, 0.0
+    def __init__(self, progress: Progress | None, *names: str) -> None:
+        """Name the stages, in their order; without names there is one, of any name."""
+        self._progress, self._names, self._begun, self._share = progress, names, -1, 0.0
         self._is_shown = progress is console.shown
 
     @contextmanager
-    def stage(self, title: str) -> Iterator[console.Tell]:
-        """Begin a stage, which reports its steps."""
+    def stage(self, name: str, title: str = "") -> Iterator[console.Tell]:
+        """Begin a stage, which reports its steps. Raises ValueError: it is not one of the names that are left."""
+        self._begin(name)
         if self._is_shown:
-            with console.progress(title) as tell:
+            with console.progress(title or name) as tell:
                 yield tell
             return
         yield self._tell
-        self._end()
+        self._tell(1, 1)
 
     @contextmanager
-    def status(self, title: str) -> Iterator[None]:
-        """Begin a stage of unknown length."""
-        with console.status(title, quiet=not self._is_shown):
+    def status(self, name: str, title: str = "") -> Iterator[None]:
+        """Begin a stage of unknown length. Raises ValueError as `stage`."""
+        self._begin(name)
+        with console.status(title or name, quiet=not self._is_shown):
             yield
-        self._end()
+        self._tell(1, 1)
 
-    def _end(self) -> None:
-        self._done += 1
-        self._tell(0, 1)
+    def _begin(self, name: str) -> None:
+        names = self._names or (name,)
+        if name not in names[self._begun + 1 :]:
+            raise ValueError(f"{name!r} is not one of the stages that are left")
+        self._begun = names.index(name)
 
     def _tell(self, done: int, total: int, step: str = "") -> None:
         del step
-        share = min((self._done + min(done / max(total, 1), 1.0)) / self._stages, 1.0)
+        share = (self._begun + min(done / max(total, 1), 1.0)) / max(len(self._names), 1)
         if self._progress is not None and share > self._share:  # a stage may count several times
             self._share = share
             self._progress(share)

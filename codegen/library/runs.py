@@ -240,14 +240,14 @@ def run(
     Raises:
         CodegenError: there is no such scenario, it does not take a value, or the C does not compile.
     """
-    folder, work = folder_of(build), Work(progress, 3 if baselines else 2)
+    folder, work = folder_of(build), Work(progress, "compiling", "driving", *(["baselines"] if baselines else []))
     _refuse(plant, through_can, clock_drift_ppm, jitter_ms, sensors)
     config, notes = None, []
     if map is not None:
         found = map_of(map)
         config = found.config
         notes = [] if config is not None else [f"{place_of(found)} contains no car; using the build's"]
-    with work.status(f"compiling {folder}"):
+    with work.status("compiling", f"compiling {folder}"):
         software = load(folder, config)
     settings = {"speed_km_h": speed_km_h, "steering_wheel_angle_deg": steering_wheel_angle_deg}
     given = {key: value for key, value in settings.items() if value is not None}
@@ -255,7 +255,7 @@ def run(
     if not software.selftest():
         raise CheckFailed("the generated self-test fails", where=folder, remedy="build again")
     drive = _Drive(driven, plant, through_can, sensors, seed)
-    with work.status(driven.title):
+    with work.status("driving", driven.title):
         controlled, result = drive.controlled(software)
         passive = drive.passive(software)
     beside = {}

@@ -148,7 +148,7 @@ def suite(
     if limits is not None:
         raise CodegenError("this suite has no limits", where="`limits=`", remedy="leave it out")
     candidate = recommended() if folder is None else of_folder(folder)
-    result = references.run_references(candidate, Work(progress, 2).stage)
+    result = references.run_references(candidate, Work(progress, "tuning", "driving").stage)
     facts = {"build": None if folder is None else str(folder), "configuration": candidate.title}
     return Suite(name, candidate.title.split(",")[0], result, facts)
 
@@ -170,8 +170,9 @@ def _cars(count: int, seed: int, limits: Limits, progress: Progress | None) -> S
 
 def _tracking(folder: Path | None, limits: Limits, progress: Progress | None) -> Suite:
     candidate = recommended() if folder is None else of_folder(folder)
+    work = Work(progress, "tuning", "driving", "third party's plant and instructions")
     with without_main():
-        whole = full_suite.run_full_suite(candidate, instructions_of_step, Work(progress, 3).stage, limits)
+        whole = full_suite.run_full_suite(candidate, instructions_of_step, work.stage, limits)
     failure = None
     if missed := failures(whole.result.requirements):
         count = len(missed)

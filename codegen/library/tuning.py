@@ -148,7 +148,7 @@ def tune(map: MapLike, config: ConfigLike | None = None, *, progress: Progress |
     Raises:
         CodegenError: the map was solved with other values, or no gains meet the demands of `[tuning]`.
     """
-    before, given, work = map_of(map), given_config(config), Work(progress, 2)
+    before, given, work = map_of(map), given_config(config), Work(progress, "tuning", "judging the car")
     reference_map, place = before.reference_map, place_of(before)
     if reference_map.config is None and given is None:
         remedy = "name one with `config=`"

@@ -1,7 +1,9 @@
 """The library from `import codegen` alone: the session of the guide, errors of input, and the names that are promised."""
 
+import ast
 import inspect
 import os
+import re
 import subprocess
 import sys
 import tomllib
@@ -15,6 +17,7 @@ import pytest
 
 import codegen as ars
 from codegen.configuration import preset_text
+from codegen.library.result import Work
 
 ROOT = Path(__file__).resolve().parents[2]
 SMALL = {"grid.speed_points": 11, "grid.front_angle_points": 10}
@@ -78,6 +81,32 @@ def test_progress_is_a_rising_share(build: ars.Build) -> None:
     shares.clear()
     ars.run(build, "step-steer", progress=shares.append)
     assert shares == sorted(set(shares)) and shares[-1] == 1.0
+
+
+def test_stages_are_named_and_not_counted() -> None:
+    shares: list[float] = []
+    work = Work(shares.append, "first", "left out", "last")
+    with work.stage("first") as tell:
+        tell(1, 2)
+    with work.status("last", "the last one"):
+        pass
+    assert shares == pytest.approx([1 / 6, 1 / 3, 1.0])
+    for name in ("first", "last", "another"):
+        with pytest.raises(ValueError, match=name), work.status(name):
+            pass
+
+
+def test_every_named_stage_is_begun() -> None:
+    named, begun = set[str](), set[str]()
+    for path in (*ROOT.glob("codegen/library/*.py"), *ROOT.glob("hil_sim/suite/*.py")):
+        for call in (node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)):
+            function, texts = ast.unparse(call.func), [each.value for each in call.args if isinstance(each, ast.Constant)]
+            if function == "Work":
+                named |= {each.value for each in ast.walk(call) if isinstance(each, ast.Constant)}
+            elif re.fullmatch(r"(work\.)?(stage|status)", function):
+                begun |= set(texts[:1])
+    assert named | {"controller"} == begun  # `_Given.stages`
+    assert len(named) > 10
 
 
 def test_a_check_has_the_judgement_of_the_map() -> None:
