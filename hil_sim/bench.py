@@ -65,7 +65,7 @@ class BenchResult:
     """Result of a run.
 
     Attributes:
-        record: (cycles, 12), columns RECORD_COLUMNS.
+        record: (cycles, columns), RECORD_COLUMNS.
         diagnostics: (cycles,) bits of the commands received in the cycle; 0 if none was received.
         response: (cycles,) s from sending to the command's arrival; NaN without a command in the cycle, or in simulated time.
         lateness: (cycles,) s that the cycle began after its deadline.
@@ -291,7 +291,7 @@ def _no_answer(bus: Bus, now: float) -> CodegenError:
 
 
 def run(software: Software, scenario: Scenario, *, controlled: bool = True) -> npt.NDArray[np.float64]:
-    """Return a recording (samples, 12) of a scenario, columns RECORD_COLUMNS; `controlled=False` is the passive car.
+    """Return a recording (samples, columns) of a scenario, RECORD_COLUMNS; `controlled=False` is the passive car.
 
     Raises:
         CodegenError: the scenario needs a bus (faults or two clocks) and the car is not passive.

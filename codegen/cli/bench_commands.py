@@ -97,6 +97,7 @@ class Outputs:
 def live_view(setup: Setup, kind: str, *, quiet: bool) -> Iterator[Observer | None]:
     """Show a live view on the terminal during a run. Yields the observer that the bench calls once a cycle."""
     from codegen.report.live import LiveSample, LiveView
+    from codegen.sil.software import RECORD_COLUMNS
 
     if quiet:
         with console.status(f"{setup.scenario.title}, {setup.clock}"):
@@ -106,10 +107,23 @@ def live_view(setup: Setup, kind: str, *, quiet: bool) -> Iterator[Observer | No
     with LiveView(setup.scenario.title, str(setup.address), kind, setup.clock) as view:
 
         def observe(cycle: Cycle) -> None:
-            time, _, _, yaw_rate, reference, sideslip, _, commanded, achieved, _, _, status = cycle.row
-            diagnostics = 0 if cycle.command is None else cycle.command.diagnostics
-            motion = (time, duration, yaw_rate, reference, sideslip, commanded, achieved)
-            view.update(LiveSample(*motion, int(status), diagnostics, cycle.duration, cycle.without_command, cycle.late))
+            row = dict(zip(RECORD_COLUMNS, cycle.row, strict=True))
+            view.update(
+                LiveSample(
+                    time=row["time_s"],
+                    duration=duration,
+                    yaw_rate=row["yaw_rate_rad_s"],
+                    yaw_rate_reference=row["yaw_rate_reference_rad_s"],
+                    sideslip=row["sideslip_rad"],
+                    rear_angle_command=row["rear_angle_command_rad"],
+                    rear_angle=row["rear_angle_rad"],
+                    status=int(row["status"]),
+                    diagnostics=0 if cycle.command is None else cycle.command.diagnostics,
+                    cycle_time=cycle.duration,
+                    lost_frames=cycle.without_command,
+                    late_cycles=cycle.late,
+                )
+            )
 
         yield observe
 
