@@ -197,9 +197,7 @@ def from_arrays(arrays: Mapping[str, AnyArray], where: object) -> ReferenceMap:
     config, case = _configuration(meta, where)
     gravity = GRAVITY if config is None else config.road.gravity_m_s2
     tables.check_lateral_acceleration(speed, own.yaw_rate, gravity, where)
-    base = ReferenceMap(
-        speed, front_angle, own.yaw_rate, own.feasible, own.sideslip, own.rear_angle, own.active, config, case, meta
-    )
+    base = ReferenceMap(speed, front_angle, **vars(own), config=config, case=case, meta=meta)
     for stack in tables.STACKS:
         values = tables.read_stack_values(arrays, stack, where)
         if not values.size:

@@ -107,10 +107,7 @@ class Tables:
 
     def layer(self, index: int) -> Tables:
         """The (n, m) tables of one layer of a stack."""
-        sideslip, rear_angle, active = (
-            None if table is None else table[index] for table in (self.sideslip, self.rear_angle, self.active)
-        )
-        return Tables(self.yaw_rate[index], self.feasible[index], sideslip, rear_angle, active)
+        return Tables(**{name: None if table is None else table[index] for name, table in vars(self).items()})
 
 
 def check_keys(keys: Iterable[str], where: object) -> None:
@@ -251,8 +248,8 @@ def read_tables(arrays: Mapping[str, AnyArray], shape: tuple[int, ...], where: o
     feasible = _feasible(arrays, f"{prefix}feasible", shape, where, stack)
     cells = {
         key: _cells(arrays, prefix + key, key, feasible, where, stack)
-        for key in ("yaw_rate", "beta", "delta_r")
-        if prefix + key in arrays
+        for key in TABLES
+        if key in PLAUSIBLE and prefix + key in arrays
     }
     active = _active(arrays, f"{prefix}active", shape, where, stack)
     return Tables(cells["yaw_rate"], feasible, cells.get("beta"), cells.get("delta_r"), active)

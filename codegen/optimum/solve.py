@@ -71,11 +71,7 @@ def solve_case(
     return ReferenceMap(
         speed=speed,
         front_angle=front_angle,
-        yaw_rate=solution.yaw_rate,
-        sideslip=solution.sideslip,
-        rear_angle=solution.rear_angle,
-        feasible=solution.feasible,
-        active=solution.active,
+        **{name: getattr(solution, name) for name in ATTRIBUTES.values()},
         config=config,
         case=case,
         meta=make_meta(config, case, turns.method if method == "exact" else method),
@@ -115,11 +111,10 @@ def from_walking_speed(reference_map: ReferenceMap) -> ReferenceMap:
 
 def _keep(solution: Solution, kept: npt.NDArray[np.bool_]) -> Solution:
     """The solution with all cells but `kept` (n, m) infeasible."""
-    yaw_rate, sideslip, rear_angle = (
-        np.where(kept, values, np.nan) for values in (solution.yaw_rate, solution.sideslip, solution.rear_angle)
-    )
+    tables_ = {name: getattr(solution, name) for name in ATTRIBUTES.values()}
+    others = {name: np.where(kept, table, np.nan) for name, table in tables_.items() if table.dtype.kind == "f"}
     active = np.where(kept, solution.active, solution.active.dtype.type(0))
-    return replace(solution, yaw_rate=yaw_rate, sideslip=sideslip, rear_angle=rear_angle, feasible=kept, active=active)
+    return replace(solution, **others, feasible=kept, active=active)
 
 
 __all__ = ["layer_configs", "lower_frictions", "on_road", "solve_acceleration_stack", "solve_stack", "stack_of"]

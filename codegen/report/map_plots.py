@@ -45,11 +45,14 @@ def map_figure(reference_map: ReferenceMap, title: str) -> Figure:
     """
     shown = [quantity for quantity in style.QUANTITIES if quantity.degrees(reference_map) is not None]
     panels = len(shown) + (reference_map.active is not None)
-    columns, rows = {1: (1, 1), 2: (2, 1), 3: (3, 1), 4: (2, 2)}[panels]
+    columns = panels if panels < 4 else 2
+    rows = -(-panels // columns)
     with style.style():
         figure = style.new_figure(5.2 * columns if panels < 3 else 10.4, 3.9 * rows if panels < 3 else 3.55 * rows)
         figure.suptitle(style.plain(title))
         grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+        for axes in grid.flat[panels:]:
+            axes.set_visible(False)
         phase_line = False
         for axes, quantity in zip(grid.flat, shown, strict=False):
             scale = quantity.scale([reference_map])

@@ -26,6 +26,21 @@ PARTS = (
 )
 
 
+COMMANDS = """
+import shlex
+import sys
+
+from codegen.cli import main
+
+for line in sys.argv[1:]:
+    sys.argv = ["codegen", *shlex.split(line)]
+    try:
+        main()
+    except SystemExit as ended:
+        assert ended.code in (None, 0, 1), (line, ended.code)  # 1: warnings, or a missed limit
+"""
+
+
 @dataclass
 class Copy:
     """A source tree of its own.
@@ -65,6 +80,10 @@ class Copy:
         (self.root / path).parent.mkdir(parents=True, exist_ok=True)
         (self.root / path).write_text(text)
         self.touched.add(path)
+
+    def commands(self, *lines: str) -> str:
+        """Run lines of `codegen` in the copy, one after the other, and return what they print."""
+        return self.run("-c", COMMANDS, *lines)
 
     def run(self, *arguments: str, more: Mapping[str, str] | None = None) -> str:
         """Run the Python of this environment in the copy and return what it prints; it must end with 0."""

@@ -56,4 +56,6 @@ def test_a_chart_touches_at_most_three_files(tree: Copy) -> None:
     )
     tree.after(report, "    yield maps.heat_maps(one)\n", "    yield acceleration_chart(one)\n")
     tree.run("-c", CHECK, str(ROOT / "generated" / "4ws2.npz"))
+    map_file = ROOT / "generated" / "4ws2.npz"
+    tree.commands(f"report --map {map_file} --no-simulation -o report.html")
     assert len(tree.touched) <= 3

@@ -25,10 +25,13 @@ BOUND = """    Bound(
 """
 
 CHECK = """
+from pathlib import Path
+
 import numpy as np
 
 from codegen.configuration import parse, preset
 from codegen.explore.explorer import map_data
+from codegen.importing.toml_edit import whole
 from codegen.map_file.bounds import MARKS, Binding, binding_text
 from codegen.map_file.map import from_bytes, to_bytes
 from codegen.optimum.solve import solve_case
@@ -57,6 +60,7 @@ for tyre_model in ("linear", "magic-formula"):
     bound = (own.active & flag) != 0
     assert np.abs(np.abs(front[bound]) - limit).max() <= tolerance
 
+Path("ars.toml").write_text(whole(config, "test"))
 found = from_bytes(to_bytes(own), "test")
 assert found.meta["active_bits"]["front_sideslip"] == int(flag) and (found.active == own.active).all()
 alone = own.active == flag
@@ -85,4 +89,12 @@ def test_a_constraint_is_one_entry_of_the_list(tree: Copy) -> None:
     weight = "            sideslip_weight=case.sideslip_weight_per_s2,\n"
     tree.after(problem, weight, "            front_sideslip_max=config.limits.front_sideslip_max,\n")
     tree.run("-c", CHECK)
+    printed = tree.commands(
+        "solve --config ars.toml --case 4ws-2 -o new.npz",
+        "show new.npz --plot new.png",
+        "check new.npz",
+        "build --map new.npz -o new",
+        "report --map new.npz --no-simulation -o report.html",
+    )
+    assert "front sideslip" in printed
     assert len(tree.touched) <= 3

@@ -64,14 +64,14 @@ from codegen.cli.options import build_option, csv_to_write
 @build_option
 @click.option("-o", "--output", required=True, type=csv_to_write, metavar="CSV", help="The file to write, .csv.")
 @json_option
-def parameters(build_path: Path, output: Path, as_json: bool) -> None:
+def parameters(build: Path, output: Path, as_json: bool) -> None:
     """Write name, value, range and unit of each parameter of a build."""
     from codegen.emit.outputs import check_output
     from codegen.export.parameter_table import parameter_table
     from codegen.files import write_atomically
 
-    check_output(output, ".csv", (build_path,))
-    text = parameter_table(build_path)
+    check_output(output, ".csv", (build,))
+    text = parameter_table(build)
     write_atomically(output, text.encode("ascii"))
     count = text.count("\\n") - 1
     if as_json:

@@ -73,6 +73,7 @@ reference_map = npz.load(Path(sys.argv[1]))
 folder = build(reference_map, config, BuildOptions("share"), BuildInputs("map.npz", "0" * 64, "car.toml"))
 """
 CHECK = """
+from codegen.importing.toml_edit import whole
 from codegen.sil.closed_loop import ClosedLoop
 from codegen.sil.software import RECORD_COLUMNS, compile_build
 from hil_sim.scenarios import find
@@ -83,6 +84,7 @@ assert software.selftest()
 run = ClosedLoop(software).run(find("step-steer").inputs(config))
 rear, front = (run[-1, RECORD_COLUMNS.index(f"{name}_rad")] for name in ("rear_angle", "front_angle"))
 assert abs(rear - 0.2 * front) < 1e-4 and abs(front) > 0.01
+Path("ars.toml").write_text(whole(config.replace({"grid.speed_points": 11, "grid.front_angle_points": 10}), "test"))
 """
 
 
@@ -108,4 +110,11 @@ def add_kind(tree: Copy) -> None:
 def test_a_kind_touches_at_most_five_files(tree: Copy) -> None:
     add_kind(tree)
     tree.run("-c", BUILD + CHECK, str(MAP))
+    tree.commands(
+        "solve --config ars.toml --case 4ws-2 -o new.npz",
+        "build --map new.npz -o new",
+        "check new",
+        "sil --build new",
+        "hil --build new --bus virtual:bench --ecu cffi --lock-step",
+    )
     assert len(tree.touched) <= 5

@@ -156,5 +156,19 @@ assert all(name in batches[batch].inputs for batch in ("controller", "can") for 
 def test_a_signal_is_one_entry_of_the_table(tree: Copy) -> None:
     after = '            in_layout="ESC or ABS is acting",\n        ),\n    ] = False\n'
     tree.after("codegen/configuration/signals.py", after, SIGNAL)
-    tree.run("-c", CHECK, str(ROOT / "generated" / "4ws2-paper.npz"))
+    map_file = ROOT / "generated" / "4ws2-paper.npz"
+    tree.run("-c", CHECK, str(map_file))
+    tree.commands(
+        "check added",
+        "sil --build added --csv run.csv --plot run.png",
+        "sil --build added --can --sensors -o run.mf4",
+        "hil --build added --bus virtual:bench --ecu cffi --lock-step --log run.blf",
+        "faults --build added",
+        "log run.blf --dbc added/ars.dbc",
+        "identify --log run.blf --dbc added/ars.dbc --check",
+        f"report --map {map_file} --build added --run run.csv --run bus=run.blf --no-simulation -o report.html",
+        "arxml --build added -o arxml",
+        "firmware --build added -o firmware",
+        "fmu --build added --what plant -o plant.fmu",
+    )
     assert len(tree.touched) <= 3

@@ -26,11 +26,13 @@ TANH = TyreCurve(
 
 CHECK = """
 import math
+from pathlib import Path
 
 import numpy as np
 
 from codegen.configuration import parse, preset
 from codegen.emit.dynamics_view import tabulate
+from codegen.importing.toml_edit import whole
 from codegen.map_file.map import from_bytes, to_bytes
 from codegen.map_file.map import on_road
 from codegen.optimum.solve import solve_case
@@ -63,6 +65,8 @@ for tyre_model in ("linear", "magic-formula"):
     assert own.feasible.any() and (own.feasible == reference.feasible).all()
     assert np.nanmax(np.abs(own.yaw_rate - reference.yaw_rate)) < 1e-6
     assert from_bytes(to_bytes(own), "test").config.tyre.front.curve == "tanh"
+
+Path("ars.toml").write_text(whole(config, "test"))
 
 # Another road keeps the curve.
 assert on_road(config, 0.5).tyre.front.curve == "tanh"
@@ -97,4 +101,11 @@ def test_a_tyre_curve_is_one_entry_of_the_list(tree: Copy) -> None:
     tree.replace(curves, "\nCURVES = {", CURVE + "\nCURVES = {")
     tree.replace(curves, '"magic-formula": MAGIC_FORMULA}', '"magic-formula": MAGIC_FORMULA, "tanh": TANH}')
     tree.run("-c", CHECK)
+    tree.commands(
+        "check ars.toml",
+        "solve --config ars.toml --case 4ws-2 -o new.npz",
+        "build --map new.npz -o new",
+        "sil --build new",
+        "report --map new.npz --no-simulation -o report.html",
+    )
     assert len(tree.touched) <= 2
