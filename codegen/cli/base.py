@@ -37,6 +37,8 @@ def in_options(text: str) -> str:
     A parameter of click has the name of the argument that it becomes. Those of the running command come first; a remedy may
     name another command's.
     """
+    if "`" not in text:  # nearly always
+        return text
     context = click.get_current_context(silent=True)
     own = context.command.params if context is not None else []
     others = [each for command in cli.commands.values() for each in command.params if isinstance(each, click.Option)]
@@ -44,6 +46,15 @@ def in_options(text: str) -> str:
     return ARGUMENT.sub(
         lambda found: _option(known[found[1]], found[2].replace("'", "")) if found[1] in known else found[0], text
     )
+
+
+def _in_options(value: Any) -> Any:
+    """Return JSON values with `in_options` of all texts."""
+    if isinstance(value, dict):
+        return {key: _in_options(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_in_options(each) for each in value]
+    return in_options(value) if isinstance(value, str) else value
 
 
 def _option(parameter: click.Parameter, value: str) -> str:
@@ -82,9 +93,7 @@ def show(result: Result, as_json: bool, plot: Path | EllipsisType | None = ...) 
         plot: the picture of a command that may draw one; None if it did not.
     """
     if as_json:
-        data = result.to_dict()
-        for key in {"notes", "warnings"}.intersection(data):
-            data[key] = [*map(in_options, data[key])]
+        data = _in_options(result.to_dict())
         if plot is not ...:
             data["plot"] = None if plot is None else str(plot)
         console.print_json(data)

@@ -88,7 +88,7 @@ def test_maps_that_cannot_be_extended_are_refused() -> None:
     with pytest.raises(MapError, match="every yaw rate is zero"):
         extend(bare([10.0, 20.0], [0.02, 0.05], np.zeros((2, 2))), PAPER)
     tyres = {"front": {"cornering_stiffness_n_per_rad": 120e3}, "rear": {"cornering_stiffness_n_per_rad": 90e3}}
-    with pytest.raises(MapError, match=r"vx: .*unstable from.*--config"):
+    with pytest.raises(MapError, match=r"vx: .*unstable from.*`config=`"):
         extend(bare([10.0, 80.0], [0.02, 0.05], [[0.06, 0.12], [0.02, 0.03]]), changed(PAPER, tyre=tyres))
 
 

@@ -79,7 +79,7 @@ def test_tracking_without_a_schedule_is_refused_with_the_remedy() -> None:
         with pytest.raises(BuildError) as caught:
             call(config)
         assert caught.value.where == "controller.tracking.schedule"
-        assert "codegen tune" in str(caught.value.remedy)
+        assert "tune the map" in str(caught.value.remedy)
 
 
 def test_the_gains_for_the_margins_are_those_of_the_c() -> None:

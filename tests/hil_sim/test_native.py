@@ -101,7 +101,7 @@ def test_its_cache_name_depends_on_sources_and_compiler(folder: Path, monkeypatc
             lambda folder, _: edit(folder / "linux/ars_ecu.c", ("static ecu_t ecu;", "static ecu_t ecu")),
             r"^linux/ars_ecu\.c:\d+: the C does not compile: expected",
         ),
-        (lambda _, patch: patch.setattr(sys, "platform", "darwin"), "the native ECU needs Linux; use --ecu cffi"),
+        (lambda _, patch: patch.setattr(sys, "platform", "darwin"), "the native ECU needs Linux; use `ecu='cffi'`"),
         (lambda _, patch: patch.setenv("PATH", "/nowhere"), "no C compiler was found"),
     ],
 )

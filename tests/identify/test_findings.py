@@ -443,7 +443,7 @@ def test_contradictory_signals_are_refused(tmp_path: Path) -> None:
         refuse_contradictions(findings)
     assert error.value.where == "drive: lateral_acceleration"
     assert error.value.what == "it is -0.998 times vx * yaw_rate, where about 1 is normal"
-    assert error.value.remedy == "check sign and unit of all three in names.toml, for --signals"
+    assert error.value.remedy == "check sign and unit of all three in names.toml, for `signals=`"
     refuse_contradictions(each for each in findings if each.kind != CONTRADICTION)
 
 

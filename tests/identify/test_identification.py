@@ -263,7 +263,7 @@ def test_what_is_missing_is_named() -> None:
     assert "drive 3 is not used for the car" in " ".join(found.notes)
     found = identify(known, [without(drives[2], "delta_r", "delta_r_command")])
     assert "the rear wheels count as straight" in " ".join(found.notes)
-    assert "no drive of --log has sideslip" in " ".join(found.notes)
+    assert "no drive of `logs=` has sideslip" in " ".join(found.notes)
 
 
 @pytest.mark.parametrize("degrees", [0.5, 2.0])

@@ -189,9 +189,12 @@ BAD_TABLES = [
     (GOOD + "5,0.2,0.25\n", "line 6: the point vx = 5, delta_f = 0.2 is there twice (first in line 3)"),
     (GOOD.replace("5,0.2,0.2", "5,0.2,1_0"), "line 3: '1_0' where a number is needed"),
     (GOOD.replace("5,0.2,0.2", "5,0.2"), "line 3: 2 cells, where the first line has 3"),
-    (GOOD.replace("yaw_rate_rad_s", "gier"), "no variable is called yaw_rate or the like; name it with --yaw-rate NAME"),
-    (GOOD.replace("vx_m_s", "vx"), "x.csv: vx: the unit of vx is not known; add --units vx="),
-    (GOOD.replace("delta_f_rad", "v_m_s"), "'vx_m_s' and 'v_m_s' may both be vx; name one with --vx NAME"),
+    (
+        GOOD.replace("yaw_rate_rad_s", "gier"),
+        "no variable is called yaw_rate or the like; name it with `variables['yaw_rate']=NAME`",
+    ),
+    (GOOD.replace("vx_m_s", "vx"), "x.csv: vx: the unit of vx is not known; add `units='vx="),
+    (GOOD.replace("delta_f_rad", "v_m_s"), "'vx_m_s' and 'v_m_s' may both be vx; name one with `variables['vx']=NAME`"),
     (GOOD.replace("9,0.2,0.3", "9,0.2,-0.3"), "yaw_rate[1, 1]: -0.3 is outside 0 to 10 rad/s"),
     (GOOD.partition("\n")[2], "line 1: the first line has no names"),
     ("\x00", "not a text file"),
@@ -230,7 +233,7 @@ IMPLAUSIBLE = [
     ((1.0, 1.0, 1.0), "vx=km/h,delta_f=deg,yaw_rate=rad/s", "delta_f goes to 0.2 deg", "delta_f=rad,vx=m/s"),
     ((1.0, 0.2, 0.057), UNITS, "a wheelbase of 10.2 m (at most 8)", "vx=km/h"),
     ((100.0, 1.0, 1.0), UNITS, "vx goes to 3000 m/s", "check the units of all three"),
-    ((3.6, DEGREES, DEGREES), None, "the unit of vx is not known", f"add --units {ALL_THREE} (these would fit the v"),
+    ((3.6, DEGREES, DEGREES), None, "the unit of vx is not known", f"add `units='{ALL_THREE}'` (these would fit the v"),
     ((1.0, 40.0, 1.0), UNITS, "delta_f goes to 8 rad", WHEEL),
 ]
 
@@ -258,7 +261,7 @@ def matlab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Pat
     return file_with
 
 
-TURNED = "or is it the other way round? --rows delta_f would fit"
+TURNED = "or is it the other way round? `rows='delta_f'` would fit"
 
 
 def test_a_square_table_that_fits_only_when_turned(table: Callable[[str], Path]) -> None:
@@ -274,7 +277,7 @@ def test_a_table_that_fits_both_ways_needs_its_rows(table: Callable[[str], Path]
     r = np.outer(v, d) / (2.9 + 0.004 * v[:, None] ** 2)
     units = "vx=m/s,delta_f=deg,yaw_rate=deg/s"
     assert message(table(matrix_text(v, d, r, "")), units).endswith(
-        "speeds and front angles could be either way round; give --rows vx if it has a row for each speed, else --rows delta_f"
+        "speeds and front angles could be either way round; give `rows='vx'` if it has a row for each speed, else `rows='delta_f'`"
     )
     for rows, text in (("vx", matrix_text(v, d, r, "")), (None, matrix_text(d, v, r.T, r"delta_f [deg] \ vx [m/s]"))):
         found = import_map(table(text), Choices({}, units, rows)).reference_map  # type: ignore[arg-type]
@@ -301,7 +304,9 @@ def test_a_square_table_needs_its_rows(tmp_path: Path) -> None:
     yaw_rate = speed[:, np.newaxis] * angle / (2.9 + 0.004 * speed[:, np.newaxis] ** 2)
     savemat(tmp_path / "map.mat", {"vx": speed, "delta_f": angle, "yaw_rate": yaw_rate.T})
     units = "vx=m/s,delta_f=rad,yaw_rate=rad/s"
-    with pytest.raises(ImportFault, match=r"as many speeds as front angles, 6: .*; give --rows vx if .*, else --rows delta_f$"):
+    with pytest.raises(
+        ImportFault, match=r"as many speeds as front angles, 6: .*; give `rows='vx'` if .*, else `rows='delta_f'`$"
+    ):
         import_map(tmp_path / "map.mat", Choices({}, units))
     np.testing.assert_array_equal(
         import_map(tmp_path / "map.mat", Choices({}, units, "delta_f")).reference_map.yaw_rate, yaw_rate

@@ -81,7 +81,7 @@ def test_curve_and_figures_average_a_left_and_a_right_tyre(name: str, car: Path)
 
 
 def test_the_friction_of_the_road_can_set_the_peak(car: Path) -> None:
-    assert any("--peak road takes the road's instead" in note for note in import_tyres([DATA / "mf52.tir"], car).notes)
+    assert any("`peak='road'` takes the road's instead" in note for note in import_tyres([DATA / "mf52.tir"], car).notes)
     made = import_tyres([DATA / "mf52.tir"], car, "road")
     tyre = tyres_of(made).rear
     assert tyre.peak_factor == 1.0

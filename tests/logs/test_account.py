@@ -95,10 +95,10 @@ def test_two_buses_with_one_identifier_need_a_choice(tmp_path: Path) -> None:
     ]
     log = opened(tmp_path / "drive.log", [*rest, *moving])
     assert fates(log) == {Fate.CONFLICT: 260}
-    assert log.allotment.conflicts[0x100, False][1].startswith("choose a bus with --channel can1 or can0")
+    assert log.allotment.conflicts[0x100, False][1].startswith("choose a bus with `channel='can1' or 'can0'`")
     chosen = open_bus_log(tmp_path / "drive.log", KNOWN, "can0")
     assert fates(chosen) == {Fate.USED: 120, Fate.OTHER_CHANNEL: 140}
-    with pytest.raises(CodegenError, match="no channel 'can2'; choose one of its channels with --channel: can0, can1"):
+    with pytest.raises(CodegenError, match="no channel 'can2'; choose one of its channels with `channel=`: can0, can1"):
         open_bus_log(tmp_path / "drive.log", KNOWN, "can2")
 
 

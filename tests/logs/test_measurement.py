@@ -231,5 +231,5 @@ def test_another_format_is_named_as_such(tmp_path: Path) -> None:
 
 
 def test_options_of_a_bus_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(CodegenError, match="it is not the log of a bus; leave --dbc and --channel out"):
+    with pytest.raises(CodegenError, match="it is not the log of a bus; leave `dbc=` and `channel=` out"):
         open_log(write(tmp_path, CSV), NONE, "can0")

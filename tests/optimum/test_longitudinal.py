@@ -162,7 +162,7 @@ def test_bad_accelerations_are_refused(acceleration: tuple[float, ...], fault: s
     with pytest.raises(ConfigError) as caught:
         solve_acceleration_stack(CONFIG, "4ws-2", acceleration)
     assert fault in caught.value.what
-    assert caught.value.where == "--longitudinal-acceleration" and caught.value.remedy
+    assert caught.value.where == "`longitudinal_acceleration=`" and caught.value.remedy
 
 
 @pytest.mark.parametrize(

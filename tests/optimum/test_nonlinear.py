@@ -132,8 +132,8 @@ def test_the_reference_model_has_the_steady_yaw_rate_of_the_plant(number: int) -
         (4.6, 20.0, {}, "5 % are enough on these breakpoints: controller.tracking.trim_max_percent = 5 has less overshoot"),
         (-2.0, 2.0, {}, ""),
         (4.6, 1.0, {"max_error_rad_s": 0.01}, "controller.tracking.trim_max_percent = 5 keeps them, with more overshoot"),
-        (20.5, 20.0, {"max_error_rad_s": None}, "no trim takes back so much, and a finer [grid], or codegen build --max-error"),
-        (20.5, 20.0, {"max_error_rad_s": None, "max_flash_bytes": 900}, "and a larger --max-flash brings"),
+        (20.5, 20.0, {"max_error_rad_s": None}, "no trim takes back so much, and a finer [grid], or a build with `max_error=`"),
+        (20.5, 20.0, {"max_error_rad_s": None, "max_flash_bytes": 900}, "and a larger `max_flash=` brings"),
     ],
 )
 def test_the_note_on_the_trim(percent: float, trim: float, options: dict[str, object], note: str) -> None:

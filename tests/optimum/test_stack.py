@@ -68,7 +68,7 @@ def test_bad_frictions_are_refused(friction: tuple[float, ...], fault: str) -> N
     with pytest.raises(ConfigError) as caught:
         solve_stack(CONFIG, "4ws-2", friction)
     assert fault in caught.value.what
-    assert caught.value.where == "--friction" and caught.value.remedy
+    assert caught.value.where == "`friction=`" and caught.value.remedy
 
 
 def test_a_layer_that_cannot_be_solved_is_refused_with_its_friction() -> None:

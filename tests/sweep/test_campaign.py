@@ -182,7 +182,7 @@ def test_a_processor_without_the_instructions_of_the_campaign(plan: Plan, monkey
     monkeypatch.setattr(chunks, "machine_runs", lambda isa: isa == "none")
     monkeypatch.setattr(chunks, "best_isa", lambda: "none")
     other = replace(plan, isa="x86-64-v3", config=cells.actuator_lag(4.0)(plan.config))
-    with pytest.raises(BuildError, match="no instructions of x86-64-v3; run the whole campaign with --isa none"):
+    with pytest.raises(BuildError, match="no instructions of x86-64-v3; run the whole campaign with `isa='none'`"):
         software(other, plan.controllers[0])
 
 

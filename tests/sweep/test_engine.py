@@ -56,7 +56,7 @@ def test_a_worker_works_only_with_the_identity_of_the_campaign(monkeypatch: pyte
         (Answer("tcp://w:1", {**OWN, "sources": "b" * 64}, 1), rf"^Dask worker tcp://w:1: it has sources {'b' * 40}, and the "),
         (Answer("tcp://w:1", {"codegen": "1.0"}, 1), "it has sources missing, and the campaign aaaa"),
         (Answer("tcp://w:1", {**OWN, "C library": "musl"}, 1), "it has C library musl, and the campaign none; install"),
-        ({"run": [1.0]}, "^--scheduler: a worker does not prove its sources; install"),
+        ({"run": [1.0]}, "^`scheduler=`: a worker does not prove its sources; install"),
     ],
 )
 def test_a_result_without_proof_is_refused(answer: object, message: str) -> None:

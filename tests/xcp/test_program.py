@@ -56,7 +56,7 @@ def test_builds_and_ecus_without_a_slave_are_refused(tmp_path: Path) -> None:
     (folder / "linux" / "ars_xcp.c").rename(folder / "linux" / "other.c")
     with pytest.raises(BuildError, match=r"the build has no linux/ars_xcp\.c; build again"):
         ecu_process.command(folder, "vcan0", xcp=True)
-    with pytest.raises(CodegenError, match=r"^--xcp: only the native ECU has XCP, not cffi; use --ecu native$"):
+    with pytest.raises(CodegenError, match=r"^`xcp=True`: only the native ECU has XCP, not cffi; use `ecu='native'`$"):
         check_xcp("cffi", xcp=True)
 
 
