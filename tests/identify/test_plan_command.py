@@ -55,7 +55,7 @@ def test_what_cannot_be_planned_or_would_be_lost_is_refused(refused: Refused) ->
         (("--config", "ars.toml"), "codegen identify --log: is missing; name a measured drive, or give --plan DIR"),
         (
             ("--config", "ars.toml", "--plan", "mine"),
-            "contains 'notes.txt', which no manifest of codegen names; nothing was changed; choose another folder, or move it away",
+            "contains 'notes.txt', which no manifest of codegen names; nothing was changed; choose another folder",
         ),
         (("--config", "ars.toml", "--plan", "plan", "--check"), "--check: it cannot be combined with --plan; leave it out"),
         (("--config", "ars.toml", "--plan", "plan", "-o", "new.toml"), "--output: it cannot be combined with --plan"),

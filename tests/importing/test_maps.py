@@ -205,7 +205,7 @@ BAD_TABLES = [
 CALLS = [
     ({"units": "mass=kg"}, "'mass=kg' is no NAME=UNIT; NAME is one of vx, delta_f, yaw_rate, beta, delta_r"),
     ({"units": "vx=deg"}, "'deg' is no unit for vx; give one of m/s, km/h, mph"),
-    ({"rows": "vx"}, "--rows is for a matrix"),
+    ({"rows": "vx"}, "`rows=` is for a matrix"),
     ({"vx": "speed"}, "no variable 'speed'"),
 ]
 """Arguments of an import of GOOD, and the message."""
@@ -277,7 +277,8 @@ def test_a_table_that_fits_both_ways_needs_its_rows(table: Callable[[str], Path]
     r = np.outer(v, d) / (2.9 + 0.004 * v[:, None] ** 2)
     units = "vx=m/s,delta_f=deg,yaw_rate=deg/s"
     assert message(table(matrix_text(v, d, r, "")), units).endswith(
-        "speeds and front angles could be either way round; give `rows='vx'` if it has a row for each speed, else `rows='delta_f'`"
+        "speeds and front angles could be either way round; "
+        "give `rows='vx'` if it has a row for each speed, else `rows='delta_f'`"
     )
     for rows, text in (("vx", matrix_text(v, d, r, "")), (None, matrix_text(d, v, r.T, r"delta_f [deg] \ vx [m/s]"))):
         found = import_map(table(text), Choices({}, units, rows)).reference_map  # type: ignore[arg-type]
