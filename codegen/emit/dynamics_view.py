@@ -12,7 +12,7 @@ import numpy as np
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
-from codegen.emit.casadi_c import function_body
+from codegen.emit.casadi_c import LIBRARY, function_body
 from codegen.emit.text import Precision, lines_of, literal
 from codegen.errors import BuildError
 from codegen.vehicle.dynamics import Model, single_track, single_track_step
@@ -23,7 +23,7 @@ from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
 SPEED_MIN = 1.0
 """Lower bound of the speed in the ECU's dynamics, in m/s: the slip angles contain 1/speed."""
 
-_LIBRARY_CALL = re.compile(r"\b(sin|cos|atan)f?\(")
+_LIBRARY_CALL = re.compile(rf"\b({'|'.join(LIBRARY.values())})f?\(")
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from codegen.emit import casadi_c
 from codegen.errors import BuildError
 from codegen.sil.toolchain import require_success, run
 from codegen.verify import on_host
@@ -314,7 +315,7 @@ _RUNTIME = re.compile(r"mem(?:cpy|move|set)|__aeabi_mem(?:cpy|move|set|clr)[48]?
 # In double precision on a core whose FPU is for single only: arithmetic, comparisons, conversions, shifts of 64 bits.
 _SOFT_DOUBLE = re.compile(r"__aeabi_(?:d\w+|f2d|u?i2d|u?l2d|l[lr]s[lr]|lasr)|__\w*df\w*|__(?:ash[lr]|lshr)di3")
 
-LIBRARY = ("sin", "cos", "atan", "sqrt")
+LIBRARY = (*casadi_c.LIBRARY.values(), "sqrt")
 """All that the dynamics, and nothing else, may call of the mathematical library; in single precision with an f behind."""
 
 
