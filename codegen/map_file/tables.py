@@ -107,7 +107,8 @@ class Tables:
 
     def layer(self, index: int) -> Tables:
         """The (n, m) tables of one layer of a stack."""
-        return Tables(**{name: None if table is None else table[index] for name, table in vars(self).items()})
+        own: dict[str, Any] = {name: None if table is None else table[index] for name, table in vars(self).items()}
+        return Tables(**own)
 
 
 def check_keys(keys: Iterable[str], where: object) -> None:

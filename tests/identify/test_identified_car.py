@@ -8,6 +8,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+import codegen
 from codegen.configuration import load
 from codegen.identify.drive import Drive
 from codegen.identify.summary import CONFIDENCE
@@ -61,6 +62,8 @@ def test_a_configuration_a_report_and_facts_are_written(run: Run, files: Path) -
     assert (files / "found.toml").read_bytes() == text
     true, written = true_car(SEED)[0], load(files / "found.toml")
     assert white is not None and bool(int(white[1])) is told["validation"][0]["white"]["yaw_rate"]
+    known = load(files / "ars.toml")
+    assert codegen.identify(known, files / "one.csv", hold_out=files / "two.csv").config == written
     inertia = told["quantities"]["yaw_inertia"]
     assert written.vehicle.yaw_inertia_kg_m2 == pytest.approx(inertia["value"], rel=1e-6)
     assert inertia["value"] == pytest.approx(
