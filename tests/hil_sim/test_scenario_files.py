@@ -192,5 +192,5 @@ def test_settings_of_a_built_in_scenario() -> None:
     )
     assert scenario.title == "Step steer: 40 deg at the steering wheel, 100 km/h"
     assert scenario_files.with_settings(scenario, {}) is scenario
-    with pytest.raises(CodegenError, match="--steering-wheel-angle-deg: slalom does not take it; it takes duration_s"):
+    with pytest.raises(CodegenError, match="`steering_wheel_angle_deg=`: slalom does not take it; it takes duration_s"):
         scenario_files.with_settings(scenario_files.BUILT_IN["slalom"], {"steering_wheel_angle_deg": 10.0})

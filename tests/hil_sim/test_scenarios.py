@@ -92,7 +92,7 @@ def test_an_impossible_scenario_is_rejected(software: Software) -> None:
     fast = replace(find("sine-sweep"), settings=manoeuvres.Settings(speed_km_h=200.0))
     slow = replace(find("sine-with-dwell"), settings=manoeuvres.Settings(speed_km_h=10.0))
     for refused, words in (
-        (lambda: run(software, lost), r"^scenario ecu-loss: .*\(ecu-restart\), and this run has no bus; .*`codegen hil`"),
+        (lambda: run(software, lost), r"^scenario ecu-loss: .*\(ecu-restart\), and this run has no bus; .*codegen hil"),
         (lambda: fast.inputs(tail_heavy), "unstable at"),
         (lambda: slow.inputs(CONFIG), r"beyond steering\.front_angle_stop_deg"),
     ):

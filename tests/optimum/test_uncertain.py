@@ -137,9 +137,9 @@ def test_a_file_gets_the_tightening_of_the_map(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("case", "share", "changes", "message"),
     [
-        ("4ws-2", 99.0, {}, "--uncertain: 99 is not such a share of the cars; give a share from 0.5 to 0.999"),
-        ("4ws-2", math.nan, {}, "--uncertain: nan is not"),
-        ("fws", 0.9, {}, r"--uncertain: \[cases.fws\]: without rear steering"),
+        ("4ws-2", 99.0, {}, "`share=`: 99 is not such a share of the cars; give a share from 0.5 to 0.999"),
+        ("4ws-2", math.nan, {}, "`share=`: nan is not"),
+        ("fws", 0.9, {}, r"`share=`: \[cases.fws\]: without rear steering"),
         ("4ws-2", 0.9, {"identified": NONE}, "identified.keys: there are no"),
         ("4ws-2", 0.9, {"identified": {"doubts": ["a doubt"]}}, "in doubt: a doubt; .* identified.doubts_accepted = true"),
         (

@@ -205,7 +205,7 @@ def test_fault_markers_and_run_names(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert [entry["injected"] for entry in found] == ["a frame lost"]
     for key, wrong in (("seen", "text"), ("rear_rate_max_deg_s", "NaN"), ("violations", [1]), ("reached", None)):
         path.write_text(json.dumps({"faults": [fault | {key: wrong}]}), encoding="utf-8")
-        with pytest.raises(CodegenError, match=rf"faults\[0\]\.{key}.*: not what `codegen faults --json` prints"):
+        with pytest.raises(CodegenError, match=rf"faults\[0\]\.{key}.*: not what codegen faults prints as JSON"):
             read_files([str(path)], CAN)
     monkeypatch.chdir(tmp_path)
     assert named("C1=a/b.csv") == ("C1", Path("a/b.csv"))
@@ -249,8 +249,8 @@ def test_messages_for_files_of_another_kind(tmp_path: Path) -> None:
         ("header.csv", "a,b\n1,2\n", "not the header of a run"),
         ("x.blf", "not a log", "not a readable log of a CAN bus"),
         ("x.mf4", "not MF4", "not a readable run"),
-        ("entry.json", '{"faults": [{"injected": 1}]}', "not what `codegen faults --json` prints"),
-        ("deep.json", "[" * 100_000, "not what `codegen faults --json` prints"),
+        ("entry.json", '{"faults": [{"injected": 1}]}', "not what codegen faults prints as JSON"),
+        ("deep.json", "[" * 100_000, "not what codegen faults prints as JSON"),
         ("structs.parquet", None, "not a readable run"),
     ):
         if content is not None:
