@@ -16,6 +16,7 @@ from codegen.emit.supervision import STATES, Cause, Reaction, State, next_state
 _ANGLE, _BEFORE = "self->controller.rear_angle", "self_before->controller.rear_angle"
 _WHEELS = "(self->conditions.rear_angle - self->angle_offset)"
 _MEASURED, _LIMITER = "self->conditions.rear_angle", "self->parameters->limiter."
+_ENABLED = "self->controller.enabled"
 
 
 class FrameUnits(Conditions):
@@ -258,12 +259,17 @@ class FrameUnits(Conditions):
         parts = {
             "_started": self._started_command(),
             "_moved": self._moved_command(),
-            **{part: (claim,) for part, claim in zip(("_raised", "_lowered"), self._reached_command(), strict=True)},
+            "_released": self._reached_command("in the sample after control ended"),
+            "_returned": self._reached_command("when the conditions return", f"!{self._returns} || !{_ENABLED}"),
+            "_uncontrolled": self._reached_command("without control", _ENABLED),
             "_held": self._near_wheels(),
         }
+        # The solver needs minutes for both cases at once.
+        cases = {"_released": "self.released", "_returned": "!self.released", "_uncontrolled": "!self.released"}
         for part, claims in parts.items():
             local = (replace(each, condition=each.condition.replace("self->parameters->", "parameters->")) for each in claims)
-            yield replace(cycle, part=part, more=tuple(local), only_claims=True)
+            case = (f"CONTRACT_ASSUME({cases[part]});",) if part in cases else ()
+            yield replace(cycle, part=part, before=(*cycle.before, *case), more=tuple(local), only_claims=True)
 
     def _counted_frames(self) -> Iterator[Claim]:
         """Yield that each frame of a message counts, whatever its length and content, and no other frame."""
@@ -334,11 +340,16 @@ class FrameUnits(Conditions):
         plausible = f"(magnitude_of({_MEASURED}) <= self->parameters->inputs.rear_angle_max)"
         return f"(self->conditions_input.usable && self->has_measured && {plausible})"
 
+    @property
+    def _returns(self) -> str:
+        """Condition that the conditions are received again after a loss."""
+        valid = f"{self.upper}_E2E_STATE_VALID"
+        return f"(self->conditions_input.usable && (self_before->conditions_input.supervision.state != {valid}))"
+
     def _moved_command(self) -> Iterator[Claim]:
         """Yield how far the command moves in a sample with control, and that without control it moves toward zero."""
-        restarts, valid = self._restarts, f"{self.upper}_E2E_STATE_VALID"
-        returns = f"(self->conditions_input.usable && (self_before->conditions_input.supervision.state != {valid}))"
-        released = f"({self._known} && (!self->controller.enabled || self_before->released))"
+        restarts, returns = self._restarts, self._returns
+        released = f"({self._known} && (!{_ENABLED} || self_before->released))"
         for words, rated in self._rated("under control, from sample to sample,", _BEFORE):
             yield Claim(words, f"{restarts} || {returns} || {released} || {rated}")
         rests = [each for each, row in STATES.items() if row.reaction in (Reaction.RAMP, Reaction.REST)]
@@ -346,27 +357,27 @@ class FrameUnits(Conditions):
         shrinks = f"{self.shrinks(_ANGLE, _BEFORE)} || {self.shrinks(_ANGLE, 'self->start_angle')}"
         yield Claim(words, f"{restarts} || !{self._is_in('self', rests)} || {shrinks}")
 
-    def _reached_command(self) -> Iterator[Claim]:
-        """Yield that in every sample the command moves within the rate limit, or to the wheels at most."""
+    def _reached_command(self, case: str, others: str = "") -> Iterator[Claim]:
+        """Yield that in one case the command moves within the rate limit, or to the wheels at most. others: the other cases."""
         held = self.held_by_actuator(_MEASURED)
-        ways = zip(("<=", ">="), self._rated("in every sample, to the wheels at most or", _BEFORE), strict=True)
+        ways = zip(("<=", ">="), self._rated(f"{case}, to the wheels at most or", _BEFORE), strict=True)
         for (order, (words, rated)), from_wheels in zip(ways, self.moved(_ANGLE, held, _LIMITER), strict=True):
             reached = (
                 f"({self._known} && (({_ANGLE} {order} {held}) || ({_ANGLE} {order} {_WHEELS}) || {from_wheels.condition}))"
             )
-            yield Claim(words, f"{self._restarts} || {rated} || {reached}")
+            yield Claim(words, " || ".join(each for each in (self._restarts, others, rated, reached) if each))
 
     def _near_wheels(self) -> Iterator[Claim]:
         """Yield that the command stays near wheels which it does not move; the code's own expressions make it exact."""
         unknown, zero = f"{self._restarts} || !{self._known}", self.number(0.0)
         ahead = f"((({_WHEELS} > {zero}) == ({_BEFORE} > {zero})) && (magnitude_of({_WHEELS}) > magnitude_of({_ANGLE})))"
         is_due = "(self->waited_samples > self_before->waited_samples)"
-        waits = f"!(!self->controller.enabled && self->deviates && {is_due} && {ahead})"
+        waits = f"!(!{_ENABLED} && self->deviates && {is_due} && {ahead})"
         held = f"(magnitude_of({_ANGLE}) >= magnitude_of({_BEFORE})) || ({self.shrinks('self->start_angle', _ANGLE)})"
         yield Claim("a return to zero waits for wheels that do not follow", f"{unknown} || {waits} || {held}")
         for words, order in (("left", ">"), ("right", "<")):
             out = f"({_ANGLE} {order} {zero}) && ({_ANGLE} {order} {_BEFORE})"
-            claim = f"{unknown} || !self->controller.enabled || !(self->deviates || self->is_stuck) || !({out})"
+            claim = f"{unknown} || !{_ENABLED} || !(self->deviates || self->is_stuck) || !({out})"
             yield Claim(f"wheels that do not follow get no command farther out to the {words} than before", claim)
 
     def _returning(self) -> str:

@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0x50874DB5u
+#define ARS_CAN_BUILD 0x36EF2FDAu
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0x50874DB5u
+#define ARS_INPUTS_BUILD 0x36EF2FDAu
 
 /* Measurements of one sample. A value that is not available is NaN. */
 typedef struct {

@@ -17,10 +17,10 @@
 #include "ars_inputs.h"
 #include "ars_parameters.h"
 
-#if ARS_INPUTS_BUILD != 0x50874DB5u
+#if ARS_INPUTS_BUILD != 0x36EF2FDAu
 #error "ars_inputs.h and this source come from different builds"
 #endif
-#if ARS_PARAMETERS_BUILD != 0x50874DB5u
+#if ARS_PARAMETERS_BUILD != 0x36EF2FDAu
 #error "ars_parameters.h and this source come from different builds"
 #endif
 
@@ -28,7 +28,7 @@
 extern "C" {
 #endif
 
-#define ARS_LAW_BUILD 0x50874DB5u
+#define ARS_LAW_BUILD 0x36EF2FDAu
 
 /* Phase of the law in a sample. */
 typedef enum {

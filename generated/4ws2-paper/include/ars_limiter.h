@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x50874DB5u
+#define ARS_LIMITER_BUILD 0x36EF2FDAu
 
 enum { ARS_LIMITER_POINTS = 6 };
 

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x50874DB5u
+#define ARS_MAP_BUILD 0x36EF2FDAu
 
 /* Numbers of breakpoints. */
 enum {

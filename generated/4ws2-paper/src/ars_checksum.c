@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0x50874DB5u
+#if ARS_CHECKSUM_BUILD != 0x36EF2FDAu
 #error "ars_checksum.h and this source come from different builds"
 #endif
 

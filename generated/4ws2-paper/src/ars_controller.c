@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0x50874DB5u
+#if ARS_CONTROLLER_BUILD != 0x36EF2FDAu
 #error "ars_controller.h and this source come from different builds"
 #endif
 

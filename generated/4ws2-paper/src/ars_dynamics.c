@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0x50874DB5u
+#if ARS_DYNAMICS_BUILD != 0x36EF2FDAu
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_E2E_BUILD != 0x50874DB5u
+#if ARS_E2E_BUILD != 0x36EF2FDAu
 #error "ars_e2e.h and this source come from different builds"
 #endif
 

@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_SUPERVISION_BUILD != 0x50874DB5u
+#if ARS_SUPERVISION_BUILD != 0x36EF2FDAu
 #error "ars_supervision.h and this source come from different builds"
 #endif
 

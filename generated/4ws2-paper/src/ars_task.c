@@ -8,19 +8,19 @@
 
 #include "ars_sections.h"
 
-#if ARS_CAN_BUILD != 0x50874DB5u
+#if ARS_CAN_BUILD != 0x36EF2FDAu
 #error "ars_can.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0x50874DB5u
+#if ARS_CONTROLLER_BUILD != 0x36EF2FDAu
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_E2E_BUILD != 0x50874DB5u
+#if ARS_E2E_BUILD != 0x36EF2FDAu
 #error "ars_e2e.h and this source come from different builds"
 #endif
-#if ARS_SUPERVISION_BUILD != 0x50874DB5u
+#if ARS_SUPERVISION_BUILD != 0x36EF2FDAu
 #error "ars_supervision.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0x50874DB5u
+#if ARS_TASK_BUILD != 0x36EF2FDAu
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -565,25 +565,27 @@ ARS_SECTION_CODE static ars_command_t step(
 ARS_SECTION_CODE static uint32_t causes_of_controller(const ars_task_t *self, bool is_good)
 {
     const ars_inputs_t *inputs = &self->controller.inputs;
+    const uint32_t all_replaced = (uint32_t)ARS_DIAGNOSTICS_SPEED_REPLACED
+        | (uint32_t)ARS_DIAGNOSTICS_FRONT_ANGLE_REPLACED | (uint32_t)ARS_DIAGNOSTICS_YAW_RATE_REPLACED;
+    uint32_t replaced = 0u;
     uint32_t causes = 0u;
 
     if (is_good && (self->controller.quality == ARS_QUALITY_MISSING)) {
         causes |= (uint32_t)ARS_DIAGNOSTICS_UNAVAILABLE;
     }
-    if ((self->controller.status == ARS_STATUS_STANDBY) && (inputs->speed.source == ARS_SIGNAL_LOST)
-        && (inputs->front_angle.source == ARS_SIGNAL_LOST) && (inputs->yaw_rate.source == ARS_SIGNAL_LOST)) {
-        return causes; /* none is judged before the first step */
-    }
     if (inputs->speed.source != ARS_SIGNAL_MEASURED) {
-        causes |= (uint32_t)ARS_DIAGNOSTICS_SPEED_REPLACED;
+        replaced |= (uint32_t)ARS_DIAGNOSTICS_SPEED_REPLACED;
     }
     if (inputs->front_angle.source != ARS_SIGNAL_MEASURED) {
-        causes |= (uint32_t)ARS_DIAGNOSTICS_FRONT_ANGLE_REPLACED;
+        replaced |= (uint32_t)ARS_DIAGNOSTICS_FRONT_ANGLE_REPLACED;
     }
     if (inputs->yaw_rate.source != ARS_SIGNAL_MEASURED) {
-        causes |= (uint32_t)ARS_DIAGNOSTICS_YAW_RATE_REPLACED;
+        replaced |= (uint32_t)ARS_DIAGNOSTICS_YAW_RATE_REPLACED;
     }
-    return causes;
+    if ((self->controller.status == ARS_STATUS_STANDBY) && (replaced == all_replaced)) {
+        replaced = 0u; /* none is judged before the first step */
+    }
+    return causes | replaced;
 }
 
 ARS_SECTION_CODE uint32_t ars_task_10ms(ars_task_t *self, uint8_t data[8])

@@ -19,10 +19,10 @@
 #include "ars_map.h"
 #include "ars_task.h"
 
-#if ARS_MAP_BUILD != 0x50874DB5u
+#if ARS_MAP_BUILD != 0x36EF2FDAu
 #error "ars_map.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0x50874DB5u
+#if ARS_TASK_BUILD != 0x36EF2FDAu
 #error "ars_task.h and this source come from different builds"
 #endif
 

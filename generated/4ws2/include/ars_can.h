@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0xFA5D4C30u
+#define ARS_CAN_BUILD 0xD8B70D2Bu
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

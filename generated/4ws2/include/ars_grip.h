@@ -14,7 +14,7 @@
 
 #include "ars_parameters.h"
 
-#if ARS_PARAMETERS_BUILD != 0xFA5D4C30u
+#if ARS_PARAMETERS_BUILD != 0xD8B70D2Bu
 #error "ars_parameters.h and this source come from different builds"
 #endif
 
@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_GRIP_BUILD 0xFA5D4C30u
+#define ARS_GRIP_BUILD 0xD8B70D2Bu
 
 /* State between two samples. Private: read it in a debugger, change it only through the functions below. */
 typedef struct {

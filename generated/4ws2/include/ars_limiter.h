@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0xFA5D4C30u
+#define ARS_LIMITER_BUILD 0xD8B70D2Bu
 
 enum { ARS_LIMITER_POINTS = 6 };
 

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0xFA5D4C30u
+#define ARS_MAP_BUILD 0xD8B70D2Bu
 
 /* Numbers of breakpoints. */
 enum {

@@ -27,7 +27,7 @@
 
 #include "ars_controller.h"
 
-#if ARS_CONTROLLER_BUILD != 0xFA5D4C30u
+#if ARS_CONTROLLER_BUILD != 0xD8B70D2Bu
 #error "ars_controller.h and this source come from different builds"
 #endif
 
@@ -35,7 +35,7 @@
 extern "C" {
 #endif
 
-#define ARS_SUPERVISION_BUILD 0xFA5D4C30u
+#define ARS_SUPERVISION_BUILD 0xD8B70D2Bu
 
 /* State of the supervision. */
 typedef enum {

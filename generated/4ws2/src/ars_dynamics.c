@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0xFA5D4C30u
+#if ARS_DYNAMICS_BUILD != 0xD8B70D2Bu
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

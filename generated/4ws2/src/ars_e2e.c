@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_E2E_BUILD != 0xFA5D4C30u
+#if ARS_E2E_BUILD != 0xD8B70D2Bu
 #error "ars_e2e.h and this source come from different builds"
 #endif
 
