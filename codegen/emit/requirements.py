@@ -65,7 +65,9 @@ def _of_supervision() -> tuple[Requirement, ...]:
     )
 
 
-STARTED, MOVED, RAISED, LOWERED, HELD = (f"task_10ms_{part}" for part in ("started", "moved", "raised", "lowered", "held"))
+STARTED, MOVED, RELEASED, RETURNED, UNCONTROLLED, HELD = (
+    f"task_10ms_{part}" for part in ("started", "moved", "released", "returned", "uncontrolled", "held")
+)
 """Stand for the proofs of where the task's command starts and how it moves; their names have the period of the build."""
 
 _PACKED = ("can_pack_vehicle_motion", "can_pack_vehicle_conditions", "can_pack_rear_steer_command")
@@ -271,7 +273,7 @@ REQUIREMENTS = (
         "ARS-SUP-6",
         "From sample to sample the command moves within its rate limit, from the last command or to the measured rear angle;"
         " without control it waits for wheels that do not follow, and under control it goes no farther out.",
-        (MOVED, RAISED, LOWERED, HELD),
+        (MOVED, RELEASED, RETURNED, UNCONTROLLED, HELD),
         ("law", "sanitizers"),
         ("sil/answers_task.py",),
     ),
