@@ -13,6 +13,7 @@ import numpy as np
 
 from codegen.configuration.can import FRAME_BYTES, Can
 from codegen.configuration.signals import Status
+from codegen.emit.can_view import ANGLE_WAIT_S, WHEELS_WAIT_S
 from codegen.emit.supervision import Cause, State, next_state, status_of
 from codegen.verify.law.task import SecondTask
 from hil_sim.codec import DIAGNOSTICS, Codec, Frame, RearSteerCommand, VehicleConditions, VehicleMotion
@@ -270,7 +271,10 @@ def check_command_stays_near_wheels(built: Built) -> None:
     tolerance, held, share = 80 * code, 600 * code, 0.2
     changes = {"actuator_error_max": tolerance, "actuator_share": share, "actuator_samples_max": 20}
     parameters = parameters_of(built, changes)
-    step = parameters.fail_safe_rate * built.software.config.controller.sampling_time_s
+    step, largest_step = (
+        rate * built.software.config.controller.sampling_time_s
+        for rate in (parameters.fail_safe_rate, parameters.limiter.rear_rate_max)
+    )
     task = built.software.task(parameters)
 
     def run(wheels: float, *lacks: int) -> float:
@@ -297,18 +301,34 @@ def check_command_stays_near_wheels(built: Built) -> None:
         raise AssertionError("not reached")
 
     state = task.state
-    until(lambda: state.controller.enabled)
 
-    def is_released() -> bool:
-        state.controller.rear_angle = state.controller.limiter.rear_angle = state.expected_angle = held
-        return not state.controller.enabled
+    def release(side: float) -> None:
+        """End control with command and wheels held at an angle on a side."""
 
-    until(is_released, 0, wheels=held)
+        def is_released() -> bool:
+            state.controller.rear_angle = state.controller.limiter.rear_angle = state.expected_angle = side * held
+            return not state.controller.enabled
+
+        until(lambda: state.controller.enabled)
+        until(is_released, 0, wheels=side * held)
+
+    release(1.0)
     waits = [run(held, 0) for _ in range(int(held / step))]
     assert waits[0] < held and near(waits[-1], held) and waits[-1] == waits[-2] != held
     angle = run(held - 30 * code, 0)
     assert abs(angle - (held - 30 * code)) <= code, "it goes on from wheels that move"
     until(lambda: state.controller.rear_angle == 0.0, 0)
+    for side in (1.0, -1.0):
+        release(side)
+        waits = [run(side * wheels, 0) for wheels in (held, *[1.4 * held] * int(held / step))]
+        assert waits[-1] == waits[-2]
+        assert abs(run(side * 1.2 * held, 0) - side * held) <= step + code, "but no farther out than control ended"
+        until(lambda: state.controller.rear_angle == 0.0, 0)
+    release(1.0)
+    waits = [run(held, 0) for _ in range(round(WHEELS_WAIT_S / built.software.config.controller.sampling_time_s))]
+    assert waits[-1] == waits[len(waits) // 2], "it waits all the time"
+    assert until(lambda: state.controller.rear_angle == 0.0, 0, wheels=held) == 0.0, "and then goes on alone"
+    assert state.waited_samples == len(waits)
     until(lambda: state.controller.enabled)
     stuck = [run(held) for _ in range(200)]
     assert state.is_stuck and all(abs(each) <= code for each in stuck[-50:])
@@ -318,7 +338,48 @@ def check_command_stays_near_wheels(built: Built) -> None:
     until(lambda: not state.is_stuck)
     until(lambda: state.conditions_input.supervision.state != E2eState.VALID, 1, wheels=0.0)
     angle = until(lambda: state.conditions_input.supervision.state == E2eState.VALID, wheels=held)
-    assert abs(angle - held) <= parameters.limiter.rear_rate_max * built.software.config.controller.sampling_time_s + code
+    assert abs(angle - held) <= largest_step + code
+    until(lambda: state.controller.enabled)
+    run(held)
+    for _ in range(300):
+        run(held, 0, 1)
+    assert math.isnan(run(math.nan))
+    angle = until(lambda: state.supervision.has_command, wheels=math.nan)
+    assert abs(angle - held) <= largest_step + code, "after a silence, from the last measured angle"
+
+
+def check_replaced_in_standby(built: Built) -> None:
+    """Check that a first signal that is not available is reported as replaced, and measured ones are not."""
+    can, available = built.software.config.can, (SPEED, 0.0, 0.0)
+    codec, names = Codec(can, built.software.precision), ("SPEED_REPLACED", "FRONT_ANGLE_REPLACED", "YAW_RATE_REPLACED")
+    for lacks in range(len(names)):
+        task, car = built.software.task(), _OtherNodes(can, codec, np.random.default_rng(0), 0)
+        motion = VehicleMotion(*(math.nan if place == lacks else value for place, value in enumerate(available)))
+        found = set()
+        for _ in range(5):  # before the fail-safe
+            for place, contents in enumerate((motion, VehicleConditions(0.0))):
+                frame = car._frame(place, codec.encode(contents))
+                task.on_can_frame(frame.id, frame.data)
+            answer = codec.decode(*task.run())
+            assert isinstance(answer, RearSteerCommand)
+            found |= {name for name in names if answer.diagnostics >> BITS[name] & 1}
+        assert found == {names[lacks]}
+
+
+def check_rear_angle_never_measured(built: Built) -> None:
+    """Check that a car that does not measure its rear angle gets commands from zero, after the wait for it."""
+    codec, task = Codec(built.software.config.can, built.software.precision), built.software.task()
+    car, angles = _OtherNodes(built.software.config.can, codec, np.random.default_rng(0), 0), []
+    for _ in range(30):
+        for place, contents in enumerate((VehicleMotion(SPEED, 0.0, 0.0), VehicleConditions(math.nan))):
+            frame = car._frame(place, codec.encode(contents))
+            task.on_can_frame(frame.id, frame.data)
+        answer = codec.decode(*task.run())
+        assert isinstance(answer, RearSteerCommand)
+        angles.append(answer.rear_angle)
+    waited = sum(map(math.isnan, angles))
+    assert waited > round(ANGLE_WAIT_S / built.software.config.controller.sampling_time_s)
+    assert angles[waited:] == [0.0] * (len(angles) - waited)
 
 
 def answers_of_task(built: Built, lives: int = STARTS) -> list[Traffic]:

@@ -224,6 +224,8 @@ UNITS: dict[str, Callable[[Kind], list[Judge]]] = {
             answers_task.check_inhibit_for_good,
             answers_task.check_actuator_is_followed,
             answers_task.check_command_stays_near_wheels,
+            answers_task.check_replaced_in_standby,
+            answers_task.check_rear_angle_never_measured,
         ),
         *_inits(kind),
     ],
