@@ -184,7 +184,9 @@ def test_foreign_content_is_named_and_kept(target: Path, name: str, thing: str) 
         with pytest.raises(BuildError) as caught:
             write_folder(folder, target)
         assert f"contains '{name}'," in caught.value.what
-        assert caught.value.where == str(target) and "choose another folder" in caught.value.remedy and caught.value.exit_code == 2
+        assert (
+            caught.value.where == str(target) and "choose another folder" in caught.value.remedy and caught.value.exit_code == 2
+        )
     assert stamps(target.parent) == before
 
 
