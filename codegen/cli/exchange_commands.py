@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
 
@@ -10,7 +11,7 @@ import click
 import codegen
 from codegen import console
 from codegen.cli.base import cli, example, json_option, show
-from codegen.cli.options import FileType, any_file, build_option, configuration_file, folder_to_write
+from codegen.cli.options import Command, FileType, any_file, build_option, configuration_file, folder_to_write
 from codegen.errors import CodegenError
 
 TYRE_ENDING = ".tir"
@@ -119,7 +120,13 @@ def _refuse_options(options: dict[str, object], purpose: str) -> None:
             raise CodegenError(f"this option is {purpose}", where=f"--{key.replace('_', '-')}", remedy="leave it out")
 
 
-A2L_SUFFIX = ".a2l"
+A2L_SUFFIX, FMU_SUFFIX = ".a2l", ".fmu"
+
+
+def _output_option(suffix: str) -> Callable[[Command], Command]:
+    """Return the option -o, --output of a command that writes one file with a suffix."""
+    kind, text = FileType((suffix,), to_write=True), f"The file to write, {suffix}."
+    return click.option("-o", "--output", "path", required=True, type=kind, metavar=suffix[1:].upper(), help=text)
 
 
 @cli.command(
@@ -129,15 +136,7 @@ A2L_SUFFIX = ".a2l"
 @build_option
 @click.option("--elf", required=True, type=any_file, metavar="ELF", help="A program linked with the build.")
 @click.option("--instance", metavar="PATH", help="Task or controller object, such as ecu.task; needed if there are several.")
-@click.option(
-    "-o",
-    "--output",
-    "path",
-    required=True,
-    type=FileType((A2L_SUFFIX,), to_write=True),
-    metavar="A2L",
-    help="The file to write, .a2l.",
-)
+@_output_option(A2L_SUFFIX)
 @json_option
 def a2l(as_json: bool, **given: Any) -> None:
     """Write the A2L of a build with the addresses that its objects have in a linked program.
@@ -145,9 +144,6 @@ def a2l(as_json: bool, **given: Any) -> None:
     Byte order and types come from the program too; the identity of the build and the size of each object must match it.
     """
     show(codegen.export(what="a2l", **given, progress=console.shown), as_json)
-
-
-FMU_SUFFIX = ".fmu"
 
 
 @cli.command(
@@ -164,15 +160,7 @@ FMU_SUFFIX = ".fmu"
 )
 @click.option("--bus", is_flag=True, help="With --what plant: the car sends and receives CAN frames (FMI-LS-BUS).")
 @click.option("--fmi", type=click.Choice(["2", "3"]), help="FMI 2.0 or 3.0.  [default: 2; with a bus: 3]")
-@click.option(
-    "-o",
-    "--output",
-    "path",
-    required=True,
-    type=FileType((FMU_SUFFIX,), to_write=True),
-    metavar="FMU",
-    help="The file to write, .fmu.",
-)
+@_output_option(FMU_SUFFIX)
 @json_option
 def fmu(as_json: bool, **given: Any) -> None:
     """Write a co-simulation FMU of a build, with its sources and the binary for this machine.

@@ -74,7 +74,7 @@ def test_dbc_and_python_have_the_same_frames(name: str) -> None:
 
 
 def test_bit_rates_of_all_descriptions_are_whole_numbers() -> None:
-    """Of bit/s: a DBC, an A2L and an ARXML have no others."""
+    """In bit/s, where a DBC, an A2L and an ARXML can state whole numbers only."""
     can = car({"can": {"bitrate_kbit_s": 83.33333, "data_bitrate_kbit_s": 666.66667}}).can
     files = builds.render(builds.paper_map(), builds.CONFIG.model_copy(update={"can": can})).files
     attributes = cantools.database.load_string(files["ars.dbc"].decode()).dbc.attributes
