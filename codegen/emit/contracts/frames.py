@@ -256,19 +256,18 @@ class FrameUnits(Conditions):
         more["unwind"] = 26  # the bits of a signal are read one by one
         cycle = Unit(own(self.task.function), unit, (state, self.frame("bytes out")), "uint32_t", ensures=sent, **more)
         yield cycle
-        parts = {
-            "_started": self._started_command(),
-            "_moved": self._moved_command(),
-            "_released": self._reached_command("in the sample after control ended"),
-            "_returned": self._reached_command("when the conditions return", f"!{self._returns} || !{_ENABLED}"),
-            "_uncontrolled": self._reached_command("without control", _ENABLED),
-            "_held": self._near_wheels(),
+        released, runs_on = (f"CONTRACT_ASSUME({case});" for case in ("self.released", "!self.released"))
+        parts: dict[str, tuple[Iterator[Claim], *tuple[str, ...]]] = {
+            "_started": (self._started_command(),),
+            "_moved": (self._moved_command(),),
+            # The solver needs minutes for both cases at once.
+            "_released": (self._reached_command("in the sample after control ended"), released),
+            "_returned": (self._reached_command("when the conditions return", f"!{self._returns} || !{_ENABLED}"), runs_on),
+            "_uncontrolled": (self._reached_command("without control", _ENABLED), runs_on),
+            "_held": (self._near_wheels(),),
         }
-        # The solver needs minutes for both cases at once.
-        cases = {"_released": "self.released", "_returned": "!self.released", "_uncontrolled": "!self.released"}
-        for part, claims in parts.items():
+        for part, (claims, *case) in parts.items():
             local = (replace(each, condition=each.condition.replace("self->parameters->", "parameters->")) for each in claims)
-            case = (f"CONTRACT_ASSUME({cases[part]});",) if part in cases else ()
             yield replace(cycle, part=part, before=(*cycle.before, *case), more=tuple(local), only_claims=True)
 
     def _counted_frames(self) -> Iterator[Claim]:
