@@ -171,6 +171,23 @@ def _cycles_after_start(built: Built, parameters: Any, rng: np.random.Generator,
     return found
 
 
+def _on_bus(built: Built, parameters: Any = None) -> tuple[Any, Callable[..., RearSteerCommand]]:
+    """Return a task, and a function that runs a cycle of it: motion, conditions, places of lost messages -> its command."""
+    codec, task = Codec(built.software.config.can, built.software.precision), built.software.task(parameters)
+    car = _OtherNodes(built.software.config.can, codec, np.random.default_rng(0), 0)
+
+    def cycle(motion: VehicleMotion, conditions: VehicleConditions, *lacks: int) -> RearSteerCommand:
+        for place, contents in enumerate((motion, conditions)):
+            frame = car._frame(place, codec.encode(contents))
+            if place not in lacks:
+                task.on_can_frame(frame.id, frame.data)
+        answer = codec.decode(*task.run())
+        assert isinstance(answer, RearSteerCommand)
+        return answer
+
+    return task, cycle
+
+
 def check_backlog(built: Built) -> None:
     """Check the backlog: it grows by a second frame per call up to five, and falls by one in each 64th call and in a call
     without a frame."""
@@ -195,22 +212,17 @@ def check_backlog(built: Built) -> None:
 
 def check_actuator_is_followed(built: Built) -> None:
     """Check the limits of angle and time for both signs, to one code and one sample, and memory with an impossible angle."""
-    can, real = built.software.config.can, built.real
-    codec, limit = Codec(can, built.software.precision), 400
+    real, limit = built.real, 400
     changes = {"actuator_share": 0.5, "actuator_error_max": (limit + 0.5) / 20000, "actuator_samples_max": 3}
     parameters = parameters_of(built, changes)
-    task, car, stuck = built.software.task(parameters), _OtherNodes(can, codec, np.random.default_rng(0), 0), 0
+    (task, cycle), stuck = _on_bus(built, parameters), 0
 
     def samples(count: int, code: int = 0) -> int:
         """Return how many samples of a straight drive, with a command of zero, count as deviating."""
         nonlocal stuck
         for _ in range(count):
             task.state.controller.rear_angle = task.state.controller.limiter.rear_angle = 0.0
-            for place, contents in enumerate((VehicleMotion(SPEED, 0.0, 0.0), VehicleConditions(code / 20000))):
-                frame = car._frame(place, codec.encode(contents))
-                task.on_can_frame(frame.id, frame.data)
-            answer = codec.decode(*task.run())
-            assert isinstance(answer, RearSteerCommand)
+            answer = cycle(VehicleMotion(SPEED, 0.0, 0.0), VehicleConditions(code / 20000))
             stuck = answer.diagnostics >> BITS["ACTUATOR_STUCK"] & 1
         return int(task.state.actuator_samples)
 
@@ -234,19 +246,14 @@ def check_actuator_is_followed(built: Built) -> None:
 
 def check_inhibit_for_good(built: Built) -> None:
     """Check that the rear wheels return to zero after the last tolerated sample with Inhibit, and that control comes back."""
-    can, commanded, tolerated = built.software.config.can, 0.02, 5
-    codec, car = Codec(can, built.software.precision), _OtherNodes(can, Codec(can), np.random.default_rng(0), 0)
+    commanded, tolerated = 0.02, 5
     parameters = parameters_of(built, {"inhibit_samples_max": tolerated})
     step = parameters.fail_safe_rate * built.software.config.controller.sampling_time_s
-    task, angles = built.software.task(parameters), [0.0]
+    (task, cycle), angles = _on_bus(built, parameters), [0.0]
 
     def status(inhibit: bool) -> Status:
         held = 0.0 if math.isnan(angles[-1]) else angles[-1]
-        for place, contents in enumerate((VehicleMotion(30.0, 0.0, 0.0), VehicleConditions(held, inhibit=inhibit))):
-            frame = car._frame(place, codec.encode(contents))
-            task.on_can_frame(frame.id, frame.data)
-        answer = codec.decode(*task.run())
-        assert isinstance(answer, RearSteerCommand)
+        answer = cycle(VehicleMotion(30.0, 0.0, 0.0), VehicleConditions(held, inhibit=inhibit))
         angles.append(answer.rear_angle)
         return Status(answer.status)
 
@@ -266,8 +273,7 @@ def check_inhibit_for_good(built: Built) -> None:
 def check_command_stays_near_wheels(built: Built) -> None:
     """Check a command that does not reach the wheels: a return to zero starts from them, waits, and goes on with them; under
     control it goes no farther out; conditions that return tell where to start."""
-    can, code = built.software.config.can, 1.0 / 20000
-    codec, car = Codec(can, built.software.precision), _OtherNodes(can, Codec(can), np.random.default_rng(0), 0)
+    code = 1.0 / 20000
     tolerance, held, share = 80 * code, 600 * code, 0.2
     changes = {"actuator_error_max": tolerance, "actuator_share": share, "actuator_samples_max": 20}
     parameters = parameters_of(built, changes)
@@ -275,17 +281,11 @@ def check_command_stays_near_wheels(built: Built) -> None:
         rate * built.software.config.controller.sampling_time_s
         for rate in (parameters.fail_safe_rate, parameters.limiter.rear_rate_max)
     )
-    task = built.software.task(parameters)
+    task, cycle = _on_bus(built, parameters)
 
     def run(wheels: float, *lacks: int) -> float:
         """Return the command of a sample with the wheels at an angle, both in rad. `lacks`: places of lost messages."""
-        for place, contents in enumerate((VehicleMotion(SPEED, 0.0, 0.0), VehicleConditions(wheels))):
-            frame = car._frame(place, codec.encode(contents))
-            if place not in lacks:
-                task.on_can_frame(frame.id, frame.data)
-        answer = codec.decode(*task.run())
-        assert isinstance(answer, RearSteerCommand)
-        return answer.rear_angle
+        return cycle(VehicleMotion(SPEED, 0.0, 0.0), VehicleConditions(wheels), *lacks).rear_angle
 
     def near(angle: float, other: float) -> bool:
         # Beside the tolerance: the remaining angle of a ramp at this share, three times; a sample of delay; two roundings.
@@ -350,33 +350,21 @@ def check_command_stays_near_wheels(built: Built) -> None:
 
 def check_replaced_in_standby(built: Built) -> None:
     """Check that a first signal that is not available is reported as replaced, and measured ones are not."""
-    can, available = built.software.config.can, (SPEED, 0.0, 0.0)
-    codec, names = Codec(can, built.software.precision), ("SPEED_REPLACED", "FRONT_ANGLE_REPLACED", "YAW_RATE_REPLACED")
+    available, names = (SPEED, 0.0, 0.0), ("SPEED_REPLACED", "FRONT_ANGLE_REPLACED", "YAW_RATE_REPLACED")
     for lacks in range(len(names)):
-        task, car = built.software.task(), _OtherNodes(can, codec, np.random.default_rng(0), 0)
+        _, cycle = _on_bus(built)
         motion = VehicleMotion(*(math.nan if place == lacks else value for place, value in enumerate(available)))
         found = set()
         for _ in range(5):  # before the fail-safe
-            for place, contents in enumerate((motion, VehicleConditions(0.0))):
-                frame = car._frame(place, codec.encode(contents))
-                task.on_can_frame(frame.id, frame.data)
-            answer = codec.decode(*task.run())
-            assert isinstance(answer, RearSteerCommand)
+            answer = cycle(motion, VehicleConditions(0.0))
             found |= {name for name in names if answer.diagnostics >> BITS[name] & 1}
         assert found == {names[lacks]}
 
 
 def check_rear_angle_never_measured(built: Built) -> None:
     """Check that a car that does not measure its rear angle gets commands from zero, after the wait for it."""
-    codec, task = Codec(built.software.config.can, built.software.precision), built.software.task()
-    car, angles = _OtherNodes(built.software.config.can, codec, np.random.default_rng(0), 0), []
-    for _ in range(30):
-        for place, contents in enumerate((VehicleMotion(SPEED, 0.0, 0.0), VehicleConditions(math.nan))):
-            frame = car._frame(place, codec.encode(contents))
-            task.on_can_frame(frame.id, frame.data)
-        answer = codec.decode(*task.run())
-        assert isinstance(answer, RearSteerCommand)
-        angles.append(answer.rear_angle)
+    _, cycle = _on_bus(built)
+    angles = [cycle(VehicleMotion(SPEED, 0.0, 0.0), VehicleConditions(math.nan)).rear_angle for _ in range(30)]
     waited = sum(map(math.isnan, angles))
     assert waited > round(ANGLE_WAIT_S / built.software.config.controller.sampling_time_s)
     assert angles[waited:] == [0.0] * (len(angles) - waited)
