@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,12 +11,6 @@ from codegen.errors import CodegenError
 
 EVERYTHING = "all"
 PYPROJECT = Path(__file__).resolve().parents[1] / "pyproject.toml"
-
-_REQUIREMENT = re.compile(
-    r"\s*(?P<name>[A-Za-z0-9][\w.-]*)\s*(?:\[(?P<extras>[^]]*)\])?\s*\(?(?P<bounds>[^;)]*)\)?\s*(?:;(?P<marker>.*))?"
-)
-_EXTRA = re.compile(r"""extra\s*==\s*['"](?P<extra>[^'"]+)['"]""")
-_BOUND = re.compile(r"\s*(?P<operator>>=|<|==|<=|>|!=|~=)\s*(?P<version>[\w.]+)\s*")
 
 
 @dataclass(frozen=True)
@@ -39,60 +32,44 @@ class Requirement:
         return f"{self.name}[{self.features}]{self.bounds}" if self.features else f"{self.name}{self.bounds}"
 
     def allows(self, version: str) -> bool:
-        """Return whether a version is accepted. Compares only release numbers, which suffices for the bounds that the project
-        uses: `>=` and `<`."""
-        for bound in filter(None, self.bounds.split(",")):
-            match = _BOUND.fullmatch(bound)
-            if match is None:
-                continue
-            here, there = _numbers(version), _numbers(match["version"])
-            if match["operator"] == ">=" and here < there:
-                return False
-            if match["operator"] == "<" and here >= there:
-                return False
-        return True
+        """Return whether a version is accepted, also a pre-release. One that PEP 440 does not know is not."""
+        from packaging.specifiers import SpecifierSet
+
+        return SpecifierSet(self.bounds).contains(version, prereleases=True)
 
 
 def requirements() -> tuple[tuple[Requirement, ...], str]:
     """Return all requirements, and where they were read. The extra `all`, which only names the others, is omitted."""
     import tomllib
-    from importlib.metadata import PackageNotFoundError, requires
+    from importlib.metadata import PackageNotFoundError, metadata
 
     if PYPROJECT.is_file():  # a checkout: its file is current even if an older one is installed
         project = tomllib.loads(PYPROJECT.read_text(encoding="utf-8"))["project"]
         listed = {"": project["dependencies"], **project.get("optional-dependencies", {})}
-        read = (parse(line, extra) for extra, lines in listed.items() if extra != EVERYTHING for line in lines)
-        return tuple(read), "pyproject.toml"
+        return tuple(each for extra, lines in listed.items() for each in _parsed(lines, (extra,))), "pyproject.toml"
     try:
-        lines = requires(DISTRIBUTION) or []
+        found = metadata(DISTRIBUTION)
     except PackageNotFoundError:
         return (), "nothing: neither installed nor a checkout"
-    return tuple(
-        each for each in map(parse, lines) if each.extra != EVERYTHING and each.name != DISTRIBUTION
-    ), "the installed package"
+    extras = ("", *found.get_all("Provides-Extra", []))
+    return tuple(_parsed(found.get_all("Requires-Dist", []), extras)), "the installed package"
 
 
-def parse(line: str, extra: str = "") -> Requirement:
-    """Parse a requirement of PEP 508, `casadi<4,>=3.8; extra == "x"`; of the markers only the extra is used."""
-    match = _REQUIREMENT.match(line)
-    if match is None:
-        raise ValueError(f"not a requirement: {line!r}")
-    marked = _EXTRA.search(match["marker"] or "")
-    bounds = ",".join(sorted(map(str.strip, match["bounds"].split(",")), reverse=True))
-    return Requirement(match["name"], bounds, extra or (marked["extra"] if marked else ""), match["extras"] or "")
+def _parsed(lines: Iterable[str], extras: Sequence[str]) -> Iterator[Requirement]:
+    """Yield the requirements that apply here, each with the first of `extras` that requires it."""
+    from packaging.requirements import Requirement as Parsed
+
+    for line in lines:
+        read = Parsed(line)
+        extra = next((name for name in extras if read.marker is None or read.marker.evaluate({"extra": name})), None)
+        if extra is not None and extra != EVERYTHING and read.name != DISTRIBUTION:
+            bounds = ",".join(sorted(map(str, read.specifier), reverse=True))
+            yield Requirement(read.name, bounds, extra, ",".join(sorted(read.extras)))
 
 
 def extras_of(requirements: Iterable[Requirement]) -> list[str]:
     """Return the names of the extras, in the order of the requirements."""
     return [extra for extra in dict.fromkeys(each.extra for each in requirements) if extra]
-
-
-def _numbers(version: str) -> tuple[int, ...]:
-    """Return the release segment of PEP 440 without trailing zeros: 1.0 is 1."""
-    numbers = [int(number) for number in re.match(r"\d*(?:\.\d+)*", version)[0].split(".") if number]  # type: ignore[index]
-    while numbers and numbers[-1] == 0:
-        numbers.pop()
-    return tuple(numbers)
 
 
 def pip_install(*packages: str) -> str:

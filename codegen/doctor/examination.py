@@ -127,6 +127,7 @@ SERVES = {
     "matplotlib": "pictures (--plot)",
     "msgpack": "the bus udp_multicast",
     "numpy": "arrays",
+    "packaging": "versions of packages",
     "pycparser": "C declarations",
     "pydantic": "ars.toml",
     "python-can": "buses and their logs",

@@ -10,7 +10,6 @@ from codegen.library.configurations import ConfigLike, given_config, name_of
 from codegen.library.maps import Map
 from codegen.library.result import Progress, Work, public
 from codegen.map_file.map import Chosen, ReferenceMap, choose_config
-from codegen.optimum.like_friction import friction_errors
 from codegen.optimum.solve import ACCELERATION, FRICTION, Method, solve_acceleration_stack, solve_case, solve_stack
 from codegen.optimum.uncertain import SHARE, UncertainMap, solve_uncertain
 from codegen.plausibility.car import Handling, car_warnings
@@ -33,7 +32,6 @@ class SolvedMap(Map):
         self.source, self.notes = chosen.source, chosen.notes
         self.warnings = (*car_warnings(config), *map_warnings(reference_map, config))
         self.nominal = None if uncertain is None else Map(uncertain.nominal)
-        self._like = friction_errors(reference_map)
         self._handling, self._facts = Handling.from_config(config), MapFacts.of_map(reference_map, config)
         self._cost = {} if uncertain is None else _cost(uncertain)
 
@@ -41,7 +39,7 @@ class SolvedMap(Map):
         """Return size and feasibility, handling of the car, and facts about the map."""
         summary = map_summary(self.reference_map)
         lines = [f"{self.path or 'map'}: {summary.headline}", f"car: {self._handling}"]
-        lines += [f"map: {line}" for line in (*self._facts.lines(), *(one.line for one in self._like))]
+        lines += [f"map: {line}" for line in self._facts.lines()]
         if self.nominal is not None:
             cost = self._cost
             mean, largest = (f"{cost[key]:.2f} deg/s" for key in ("yaw_rate_mean_deg_s", "yaw_rate_max_deg_s"))
@@ -57,8 +55,7 @@ class SolvedMap(Map):
         """Return the same facts, as `codegen solve --json` prints them."""
         origin = {"map": None if self.path is None else str(self.path), "configuration": self.source}
         told = {"notes": list(self.notes), "warnings": list(self.warnings), "handling": self._handling.to_dict()}
-        like = {"like_friction": [one.to_dict() for one in self._like]} if self._like else {}
-        facts = {**origin, **told, **self._facts.to_dict(), **map_summary(self.reference_map).to_dict(), **like}
+        facts = {**origin, **told, **self._facts.to_dict(), **map_summary(self.reference_map).to_dict()}
         if self.nominal is None:
             return facts
         path = self.nominal.path

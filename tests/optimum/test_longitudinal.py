@@ -13,9 +13,8 @@ from codegen.ecu_map.extend import TotalMap, extend
 from codegen.errors import ConfigError, MapError
 from codegen.map_file import map as npz
 from codegen.map_file.longitudinal import like_friction, under_acceleration
-from codegen.map_file.map import Layer, ReferenceMap, on_road
+from codegen.map_file.map import Layer, ReferenceMap
 from codegen.map_file.tables import ACCELERATION
-from codegen.optimum.like_friction import friction_errors
 from codegen.optimum.problem import SteadyTurnProblem
 from codegen.optimum.solve import solve_acceleration_stack, solve_case, solve_stack, stack_of
 from codegen.report.summary import map_summary
@@ -120,31 +119,6 @@ def test_the_map_is_for_constant_speed_and_the_layers_are_around() -> None:
     assert [row[0] for row in facts.acceleration_rows] == ["-4", "0 (the map itself)", "3"]
     assert facts.headline.endswith("; a stack with longitudinal acceleration -4, 3 m/s^2")
     assert "acceleration_stack" not in map_summary(alone).to_dict()
-
-
-def test_a_lower_friction_stands_in_for_it() -> None:
-    """Nearly without load transfer, and braking in the ratio of the axle loads, another road does almost the same.
-
-    The load transfer, a share of ax h / (g lf) = 1.3 % of the rear axle's load, is left. Its grip falls by 1.6 % for it, which
-    bounds the error of the yaw rate.
-    """
-    vehicle = PAPER.vehicle
-    share = vehicle.cg_to_rear_axle_m / vehicle.wheelbase
-    even = changed(CONFIG, vehicle={"cg_height_m": 0.05}, longitudinal={"brake_front_share": share})
-    (error,) = friction_errors(solve_acceleration_stack(even, "4ws-2", (-4.0, 0.0)))
-    left, used = 1.0 - 4.0 * 0.05 / (9.81 * vehicle.cg_to_front_axle_m), 4.0 / (0.9 * 9.81)
-    assert error.friction == pytest.approx(0.9 * math.sqrt(left**2 - used**2), rel=1e-9)
-    assert 0.0 < error.yaw_rate_max < 0.0165 * float(np.nanmax(solve_case(even, "4ws-2").yaw_rate))
-    braking, driving = friction_errors(STACKED)
-    assert braking.yaw_rate_rms < braking.yaw_rate_max < 0.03 and braking.yaw_rate_max > error.yaw_rate_max
-    other = solve_case(on_road(CONFIG, driving.friction), "4ws-2")
-    both = other.feasible & STACKED.layers[1].map.feasible
-    difference = (other.yaw_rate - STACKED.layers[1].map.yaw_rate)[both]
-    assert driving.yaw_rate_max == pytest.approx(np.abs(difference).max(), rel=1e-12)
-    assert friction_errors(solve_case(CONFIG, "4ws-2")) == ()
-    # An icy road: what is left while braking is a friction that no configuration may have.
-    assert like_friction(on_road(CONFIG, 0.12), -0.9) < 0.05
-    assert friction_errors(solve_acceleration_stack(on_road(CONFIG, 0.12), "4ws-2", (-0.9, 0.0))) == ()
 
 
 @pytest.mark.parametrize(
