@@ -16,6 +16,8 @@ from dataclasses import MISSING, dataclass, fields, replace
 from functools import lru_cache
 from typing import Annotated, Any, get_args, get_type_hints
 
+from codegen.units import M_S, M_S2, NONE, RAD, RAD_S, Unit
+
 STATUSES = {
     "TRACKING": "following the reference",
     "LIMITED": "following, with the command at a limit: angle, rate, distance to the measured angle, or the limiter's",
@@ -36,10 +38,6 @@ class Status(enum.IntEnum):
     FAIL_SAFE = 4
 
 
-UNIT_SUFFIXES = {"m/s": "_m_s", "rad": "_rad", "rad/s": "_rad_s", "m/s^2": "_m_s2", "m": "_m", "": ""}
-"""Suffixes of the names of columns and variables, by unit."""
-
-
 @dataclass(frozen=True)
 class SignalDefinition:
     """One signal.
@@ -48,7 +46,7 @@ class SignalDefinition:
         name: name in the DBC.
         start_bit, length: default position in the frame, in the DBC's bit numbers for Intel byte order.
         meaning: phrase for comments and descriptions.
-        unit: SI unit; "" for a ratio or a whole number.
+        unit: SI unit.
         factor: default resolution, in the unit; None: a whole number. `factor`, `length` and `signed` determine the range.
         signed: whether a real signal has both signs.
         values: names of the codes of a whole number, from 0.
@@ -68,7 +66,7 @@ class SignalDefinition:
     start_bit: int
     length: int
     meaning: str
-    unit: str = ""
+    unit: Unit = NONE
     factor: float | None = None
     signed: bool = True
     values: tuple[str, ...] = ()
@@ -116,7 +114,7 @@ class SignalDefinition:
     @property
     def variable(self) -> str:
         """Name with unit suffix, for columns of a run and variables of an FMU."""
-        return f"{self.role}{UNIT_SUFFIXES[self.unit]}"
+        return f"{self.role}{self.unit.suffix}"
 
     @property
     def origin(self) -> str:
@@ -145,7 +143,7 @@ class VehicleMotion:
             start_bit=16,
             length=16,
             factor=0.005,
-            unit="m/s",
+            unit=M_S,
             meaning="speed, negative in reverse",
             source="scenario.speed",
             is_used=True,
@@ -160,7 +158,7 @@ class VehicleMotion:
             start_bit=32,
             length=16,
             factor=5e-5,
-            unit="rad",
+            unit=RAD,
             meaning="front angle at the road wheel, positive to the left",
             source="output.front_angle",
             is_used=True,
@@ -175,7 +173,7 @@ class VehicleMotion:
             start_bit=48,
             length=16,
             factor=2e-4,
-            unit="rad/s",
+            unit=RAD_S,
             meaning="yaw rate, positive to the left",
             source="state.yaw_rate",
             is_used=True,
@@ -197,7 +195,7 @@ class VehicleConditions:
             start_bit=16,
             length=16,
             factor=5e-5,
-            unit="rad",
+            unit=RAD,
             meaning="rear angle at the road wheel, positive to the left",
             source="output.measured_rear_angle",
             is_used=True,
@@ -226,7 +224,7 @@ class VehicleConditions:
             start_bit=48,
             length=16,
             factor=0.001,
-            unit="m/s^2",
+            unit=M_S2,
             meaning="lateral acceleration at the centre of gravity, positive to the left",
             source="output.measured_lateral_acceleration",
             is_used=True,
@@ -255,7 +253,7 @@ class VehicleConditions:
             start_bit=40,
             length=8,
             factor=0.1,
-            unit="m/s^2",
+            unit=M_S2,
             meaning="longitudinal acceleration, negative while the car brakes",
             source="scenario.longitudinal_acceleration",
             is_used=True,
@@ -278,7 +276,7 @@ class RearSteerCommand:
             start_bit=16,
             length=16,
             factor=5e-5,
-            unit="rad",
+            unit=RAD,
             meaning="rear angle at the road wheel, positive to the left",
             in_layout="rad",
         ),
@@ -290,7 +288,7 @@ class RearSteerCommand:
             start_bit=32,
             length=16,
             factor=2e-4,
-            unit="rad/s",
+            unit=RAD_S,
             meaning="reference yaw rate from the map",
             in_layout="rad/s",
         ),

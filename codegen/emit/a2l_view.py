@@ -16,13 +16,13 @@ from codegen.emit.controller_view import ControllerView
 from codegen.emit.inputs_view import InputsView
 from codegen.emit.limiter_view import LimiterView
 from codegen.emit.map_view import MapView, TableView
-from codegen.emit.parameters import Field, ParameterView
-from codegen.emit.render import unit as unit_before
+from codegen.emit.parameters import Field, Parameter
 from codegen.emit.supervision import Cause, State
-from codegen.emit.text import NONE, UNITS, Precision, Unit, unit_of_comment
+from codegen.emit.text import Precision, digits
+from codegen.units import M_S, M_S2, NONE, RAD, RAD_S, UNITS, Unit
 
 REAL_FORMAT, COUNT_FORMAT = "%12.6", "%10.0"
-REACH = {"m/s": 1000.0, "rad": math.tau, "rad/s": 100.0, "m/s^2": 1000.0}
+REACH = {M_S: 1000.0, RAD: math.tau, RAD_S: 100.0, M_S2: 1000.0}
 """Limits of measurements by unit; 1e6 for other units."""
 COUNTERS = (
     ("cycles", "calls of the task; wraps around"),
@@ -30,8 +30,8 @@ COUNTERS = (
     ("early_cycles", "calls that found no message"),
     ("lost_samples", "calls without a good sample"),
 )
-CHECKED = tuple((each.role, each.unit) for each in signals_of("vehicle_motion"))
-"""Signals of a sample that the monitoring of the inputs checks and may replace, with their units."""
+CHECKED = signals_of("vehicle_motion")
+"""Signals of a sample that the monitoring of the inputs checks and may replace."""
 OF_THE_ANGLE = ("rear_angle_max", "opposite_phase_max")
 """Parameters of the limiter that must not exceed the controller's own bound; `..._parameters_valid` checks it."""
 SUPERVISION = "supervision"
@@ -122,8 +122,8 @@ class Enumeration:
 class A2lView:
     """Objects and conversions of the A2L."""
 
-    units: tuple[tuple[str, str, str], ...]
-    conversions: tuple[tuple[str, str, str], ...]
+    units: tuple[tuple[str, Unit], ...]
+    conversions: tuple[tuple[str, Unit, str], ...]
     scales: tuple[Scale, ...]
     enumerations: tuple[Enumeration, ...]
     real: str
@@ -144,13 +144,12 @@ def a2l_view(
 ) -> A2lView:
     """Return the view of a build: every parameter, axis and table of its calibration, and the state of the task."""
     real = "FLOAT32_IEEE" if precision == "single" else "FLOAT64_IEEE"
-    lists = _Lists(prefix, real)
-    default, points = f"{prefix}_parameters_default", ((f"{prefix.upper()}_LIMITER_POINTS", limiter.points),)
-    parameters = lists.parameters(controller.parameters, f"{prefix}.parameters", default, controller.points)
-    highest = next(view.high for view in controller.parameters if view.name == "rear_angle_max")
-    bounded = [replace(view, high=highest) if view.name in OF_THE_ANGLE else view for view in limiter.parameters]
-    monitoring = lists.parameters(inputs.parameters, f"{prefix}.inputs", f"{default}.inputs", ())
-    limits = lists.parameters(bounded, f"{prefix}.limiter", f"{default}.limiter", points)
+    lists, default = _Lists(prefix, precision, real), f"{prefix}_parameters_default"
+    parameters = lists.parameters(controller.parameters, f"{prefix}.parameters", default)
+    highest = next(each.high for each in controller.parameters if each.name == "rear_angle_max")
+    bounded = [replace(each, high=highest) if each.name in OF_THE_ANGLE else each for each in limiter.parameters]
+    monitoring = lists.parameters(inputs.parameters, f"{prefix}.inputs", f"{default}.inputs")
+    limits = lists.parameters(bounded, f"{prefix}.limiter", f"{default}.limiter")
     numbers, checksum = lists.map(map_view), lists.checksum()
     measured = (*lists.state(controller), *lists.supervision(), *lists.received(can), *lists.counters())
     groups = (
@@ -159,20 +158,22 @@ def a2l_view(
         Group(f"{prefix}.limiter", "parameters of the safety limiter", tuple(each.name for each in limits)),
         Group(f"{prefix}.map", "reference map and its axes", tuple(each.name for each in numbers)),
         Group(f"{prefix}.calibration", "parameters, map and tyre curves together", (checksum.name,)),
-        Group(f"{prefix}.measurements", "of the task and its controller", (), tuple(each.name for each in measured)),
+        Group(
+            f"{prefix}.measurements", "measurements of the task and its controller", (), tuple(each.name for each in measured)
+        ),
     )
     objects: list[Axis | Adjustable] = [*parameters, *monitoring, *limits, *numbers, checksum]
     axes = tuple(each for each in objects if isinstance(each, Axis))
     adjustables = tuple(each for each in objects if isinstance(each, Adjustable))
     scales = tuple(lists.scales(map_view))
     used = {each.conversion for each in measured} | {each.conversion for each in objects} | {each.unit for each in scales}
-    units = [(lists.conversion(unit), unit) for unit in UNITS if unit is not NONE and lists.conversion(unit) in used]
+    units = tuple((lists.conversion(unit), unit) for unit in UNITS if unit and lists.conversion(unit) in used)
     return A2lView(
-        units=tuple((name, unit.symbol, " ".join(str(power) for power in unit.exponents)) for name, unit in units),
+        units=units,
         conversions=(
-            *((name, unit.symbol, REAL_FORMAT) for name, unit in units),
-            (lists.conversion(NONE), "", REAL_FORMAT),
-            (lists.count, "", COUNT_FORMAT),
+            *((name, unit, REAL_FORMAT) for name, unit in units),
+            (lists.conversion(NONE), NONE, REAL_FORMAT),
+            (lists.count, NONE, COUNT_FORMAT),
         ),
         scales=scales,
         enumerations=(
@@ -193,11 +194,12 @@ class _Lists:
     """Builder of the objects in the A2L."""
 
     prefix: str
+    precision: Precision
     real: str
 
     def conversion(self, unit: Unit) -> str:
         """Name of the COMPU_METHOD of a unit."""
-        return f"{self.prefix}.in_{unit.conversion}"
+        return f"{self.prefix}.in_{unit.identifier}"
 
     def raw(self, table: TableView) -> str:
         """Name of the COMPU_METHOD of a table of raw numbers."""
@@ -207,45 +209,43 @@ class _Lists:
         """Yield the conversion of each table of raw numbers."""
         for table in view.tables:
             if table.scale:
-                unit = unit_of_comment(table.unit)
-                yield Scale(self.raw(table), _plain(table.scale), REAL_FORMAT, unit.symbol, self.conversion(unit))
+                factor = digits(table.scale, self.precision)
+                yield Scale(self.raw(table), factor, REAL_FORMAT, table.unit.symbol, self.conversion(table.unit))
 
     @property
     def count(self) -> str:
         """Name of the COMPU_METHOD of whole numbers."""
         return f"{self.prefix}.count"
 
-    def parameters(
-        self, views: Iterable[ParameterView], group: str, link: str, points: Iterable[tuple[str, int]]
-    ) -> list[Axis | Adjustable]:
+    def parameters(self, parameters: Iterable[Parameter], group: str, link: str) -> list[Axis | Adjustable]:
         """Return the objects of a struct: increasing arrays become axes, other arrays of that size become curves over them."""
-        sizes, made, axis_of = dict(points), list[Axis | Adjustable](), dict[str, Axis]()
-        for view in views:
-            unit = self.conversion(unit_of_comment(view.comment))
-            name, where, text = f"{group}.{view.name}", f"{link}.{view.name}", view.comment
-            low, high = (bound.rstrip("u") if view.is_count else _plain(bound) for bound in (view.low, view.high))
-            if view.increasing:
-                axis = Axis(name, text, unit, sizes[view.points], low, high, f"{self.prefix}.checked.speed", where)
-                axis_of[view.points] = axis
+        made, axis_of = list[Axis | Adjustable](), dict[str, Axis]()
+        for each in parameters:
+            unit = self.count if each.is_count else self.conversion(each.unit)
+            name, where, text = f"{group}.{each.name}", f"{link}.{each.name}", each.meaning
+            low, high = (digits(bound, self.precision) for bound in (each.low, each.high))
+            if each.increasing:
+                axis = Axis(name, text, unit, len(each.values), low, high, f"{self.prefix}.checked.speed", where)
+                axis_of[each.points] = axis
                 made.append(axis)
-            elif view.points:
-                axes = (axis_of[view.points],)
+            elif each.points:
+                axes = (axis_of[each.points],)
                 made.append(Adjustable(name, text, "CURVE", f"{self.prefix}_FUNCTION", unit, low, high, where, axes))
             else:
-                record = f"{self.prefix}_COUNT" if view.is_count else f"{self.prefix}_REAL"
-                made.append(Adjustable(name, text, "VALUE", record, self.count if view.is_count else unit, low, high, where))
+                record = f"{self.prefix}_COUNT" if each.is_count else f"{self.prefix}_REAL"
+                made.append(Adjustable(name, text, "VALUE", record, unit, low, high, where))
         return made
 
     def map(self, view: MapView) -> list[Axis | Adjustable]:
         """Return the axes of the map, and a MAP for each table and layer."""
         prefix = self.prefix
-        tops = (_plain(top) for top in view.axis_tops)
+        tops = (digits(top, self.precision) for top in view.axis_tops)
         quantities = (f"{prefix}.checked.speed", f"{prefix}.checked.front_angle")
         axes = [
             Axis(
                 name=f"{prefix}.map.{axis.name}",
                 text=axis.text,
-                conversion=self.conversion(unit_of_comment(axis.unit)),
+                conversion=self.conversion(axis.unit),
                 points=axis.size,
                 low="0.0",
                 high=top,
@@ -257,14 +257,13 @@ class _Lists:
         speed, front_angle = axes
         maps = [
             Adjustable(
-                name=f"{prefix}.map.{table.name.removeprefix(f'{prefix}_map_').removesuffix('_table')}"
-                + (f".{view.layer_names[k]}" if view.stacked else ""),
-                text=f"{table.unit}, at a {'' if view.moving else 'road '}{view.layer_texts[k]}",
+                name=f"{prefix}.map.{table.quantity}" + (f".{view.layer_names[k]}" if view.stacked else ""),
+                text=f"{table.title}, at a {'' if view.moving else 'road '}{view.layer_texts[k]}",
                 type="MAP",
                 record=f"{self.prefix}_RAW_FUNCTION" if table.scale else f"{self.prefix}_FUNCTION",
-                conversion=self.raw(table) if table.scale else self.conversion(unit_of_comment(table.unit)),
-                low=_limit(table, table.low),
-                high=_limit(table, table.high),
+                conversion=self.raw(table) if table.scale else self.conversion(table.unit),
+                low=self._limit(table, table.low),
+                high=self._limit(table, table.high),
                 link=table.name + (f"[{k}]" if view.stacked else ""),
                 axes=(front_angle, speed),
             )
@@ -293,11 +292,11 @@ class _Lists:
         for field in controller.state:
             link = f"{prefix}_{INSTANCE}.controller.{field.name}"
             if field.name == "status":
-                yield self._enumerated("status", field.comment, STATUSES)
+                yield self._enumerated("status", field.meaning, STATUSES)
             elif field.name == "sample":
-                for name, unit in CHECKED:
+                for signal in CHECKED:
                     yield self._measured(
-                        f"checked.{name}", f"{unit}, last sample after monitoring", self.real, f"{link}.{name}"
+                        f"checked.{signal.role}", field.meaning, self.real, f"{link}.{signal.role}", signal.unit
                     )
             elif field.name in inside:
                 for each in inside[field.name]:
@@ -320,7 +319,7 @@ class _Lists:
         """Yield a field of a state if it is a number or a flag."""
         types = {"real": self.real, "uint16_t": "UWORD", "bool": "UBYTE"}
         if field.kind in types:
-            yield self._measured(name, field.comment, types[field.kind], link)
+            yield self._measured(name, field.meaning, types[field.kind], link, field.unit)
 
     def received(self, can: CanView) -> Iterator[Measured]:
         """Yield the signals from the car. The task stores their last valid values."""
@@ -329,34 +328,26 @@ class _Lists:
                 definition = signal.definition
                 if definition.is_real or signal.field_type:
                     link = f"{self.prefix}_{INSTANCE}.{message.role.removeprefix('vehicle_')}.{definition.role}"
-                    text = unit_before(definition.meaning, definition.unit)
-                    yield self._measured(
-                        f"received.{definition.role}", text, self.real if definition.is_real else "UBYTE", link
-                    )
+                    name, kind = f"received.{definition.role}", self.real if definition.is_real else "UBYTE"
+                    yield self._measured(name, definition.meaning, kind, link, definition.unit)
 
     def counters(self) -> Iterator[Measured]:
         """Yield the counters of the task."""
         for name, text in COUNTERS:
             yield self._measured(name, text, "ULONG", f"{self.prefix}_{INSTANCE}.{name}")
 
-    def _measured(self, name: str, text: str, kind: str, link: str) -> Measured:
-        name, unit = f"{self.prefix}.{name}", unit_of_comment(text)
+    def _measured(self, name: str, text: str, kind: str, link: str, unit: Unit = NONE) -> Measured:
+        name = f"{self.prefix}.{name}"
         if kind.startswith("FLOAT"):
-            reach = REACH.get(unit.symbol, 1e6)
+            reach = REACH.get(unit, 1e6)
             return Measured(name, text, kind, self.conversion(unit), f"{-reach:.9g}", f"{reach:.9g}", link)
         top = {"UBYTE": 1, "UWORD": 2**16 - 1, "ULONG": 2**32 - 1}[kind]
         conversion = f"{self.prefix}.is_true" if kind == "UBYTE" else self.count
         return Measured(name, text, kind, conversion, "0", str(top), link)
 
-
-def _limit(table: TableView, bound: str) -> str:
-    """Return the limit of a table's values: the bound, or the value of the largest raw number if that is smaller."""
-    if not table.scale:
-        return _plain(bound)
-    reach = RAW_MAX * float(_plain(table.scale))
-    return f"{max(min(float(_plain(bound)), reach), -reach):.9g}"
-
-
-def _plain(literal: str) -> str:
-    """Return a C literal in the number format of the A2L."""
-    return literal.rstrip("f")
+    def _limit(self, table: TableView, bound: float) -> str:
+        """Return the limit of a table's values: the bound, or the value of the largest raw number if that is smaller."""
+        if not table.scale:
+            return digits(bound, self.precision)
+        reach = RAW_MAX * table.scale
+        return f"{max(min(bound, reach), -reach):.9g}"

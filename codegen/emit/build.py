@@ -26,15 +26,15 @@ from codegen.emit.can_view import can_view, task_view
 from codegen.emit.checksum_view import ChecksumView, checksum_view
 from codegen.emit.constants import constants_of
 from codegen.emit.contracts.files import contract_files
-from codegen.emit.controller_view import controller_view
+from codegen.emit.controller_view import ControllerView, known_values
 from codegen.emit.deviations import FILE as DEVIATIONS
 from codegen.emit.deviations import deviations
 from codegen.emit.dynamics_view import DynamicsView, dynamics_view, reference_model_view
 from codegen.emit.evidence import Evidence, grip_facts, margins_text, placement_facts, placement_text, request_facts
 from codegen.emit.folder import Folder
-from codegen.emit.inputs_view import inputs_view
+from codegen.emit.inputs_view import InputsView
 from codegen.emit.laws import law_of
-from codegen.emit.limiter_view import cut_text, limiter_view
+from codegen.emit.limiter_view import LimiterView, cut_text
 from codegen.emit.map_view import MapView, map_view
 from codegen.emit.render import render, verbatim
 from codegen.emit.symbols import symbols_of
@@ -261,10 +261,10 @@ def _code(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         "build": view,
         "map": table,
         "constants": constants,
-        "controller": controller_view(config, total, lookup, options.prefix, options.precision, real),
+        "controller": ControllerView(config, known_values(total, lookup)),
         "law": law,
-        "inputs": inputs_view(config, options.prefix, options.precision, real),
-        "limiter": limiter_view(config, options.prefix, options.precision, real),
+        "inputs": InputsView(config),
+        "limiter": LimiterView(config),
         "model": (reference_model_view(config, options.precision, per_axle=table.moving) if law.uses_reference_model else None),
         "dynamics": dynamics,
         "can": can_view(config, options.precision),
@@ -280,15 +280,7 @@ def _code(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         "real": real,
         **{name: literal(value, options.precision) for name, value in NUMBERS.items()},
     }
-    context["checksum"] = checksum_view(
-        config,
-        options.precision,
-        table,
-        context["controller"],
-        context["inputs"],
-        context["limiter"],
-        context["model"],
-    )
+    context["checksum"] = checksum_view(config, options.precision, table, context["model"])
     context["a2l"] = a2l_view(
         options.prefix, options.precision, context["controller"], context["inputs"], context["limiter"], table, context["can"]
     )

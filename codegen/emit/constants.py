@@ -12,6 +12,7 @@ from codegen.configuration import Config
 from codegen.ecu_map.lookup import Lookup, Real
 from codegen.ecu_map.total import TotalMap
 from codegen.emit.laws import Law, law_of
+from codegen.units import M_S2, NONE, RAD, RAD_S, RAD_S2_M, S2_M, M, Unit
 from codegen.vehicle.single_track import SingleTrack
 from codegen.vehicle.tyre import SLIP_SEARCH_MAX, AxleTyres
 
@@ -23,13 +24,13 @@ class Constant:
     Attributes:
         name: name of the member.
         value: value in SI units; a tuple has a number for each layer of a stack.
-        unit: symbol of the unit, "" for a ratio.
+        unit: unit of the value.
         meaning: text for the comment in C.
     """
 
     name: str
     value: float | tuple[float, ...]
-    unit: str
+    unit: Unit
     meaning: str
 
     @property
@@ -51,31 +52,41 @@ def constants_of(config: Config, total: TotalMap, lookup: Lookup) -> tuple[Const
 
 def _scales(total: TotalMap, *, with_rear_angle: bool) -> Iterator[Constant]:
     if total.scales is not None:
-        yield Constant("yaw_rate_scale", total.scales.yaw_rate, "rad/s", "a raw number 1 of the table")
+        yield Constant("yaw_rate_scale", total.scales.yaw_rate, RAD_S, "yaw rate of a raw table value of 1")
         if with_rear_angle:
-            yield Constant("rear_angle_scale", total.scales.rear_angle, "rad", "a raw number 1 of the table")
+            yield Constant("rear_angle_scale", total.scales.rear_angle, RAD, "rear angle of a raw table value of 1")
         if total.grip is not None and total.grip.scale is not None:
-            yield Constant("grip_share_scale", total.grip.scale, "", "a raw number 1 of the table")
+            yield Constant("grip_share_scale", total.grip.scale, NONE, "grip share of a raw table value of 1")
 
 
 def _caps(lookup: Lookup, law: Law, *, stacked: bool) -> Iterator[Constant]:
     """Yield the caps, rounded down so that they never exceed the bound."""
-    meaning = "largest steady one that the constraints allow"
+    meaning = "largest steady lateral acceleration that the constraints allow"
     if lookup.is_moving:
-        yield Constant("longitudinal_accelerations", _numbers(lookup.accelerations, stacked), "m/s^2", "of each layer")
+        yield Constant(
+            "longitudinal_accelerations",
+            _numbers(lookup.accelerations, stacked),
+            M_S2,
+            "longitudinal acceleration of each layer",
+        )
     elif stacked:
-        yield Constant("frictions", _numbers(lookup.frictions, stacked), "", "friction of each layer")
+        yield Constant("frictions", _numbers(lookup.frictions, stacked), NONE, "friction of each layer")
     if stacked:
-        meaning = "largest that the constraints allow, on each layer"
-    yield Constant(f"lateral_acceleration_cap{'s' * stacked}", _numbers(lookup.caps, stacked), "m/s^2", meaning)
+        meaning = "largest steady lateral acceleration that the constraints allow, for each layer"
+    yield Constant(f"lateral_acceleration_cap{'s' * stacked}", _numbers(lookup.caps, stacked), M_S2, meaning)
     per_friction = float(lookup.lateral_acceleration_cap_per_friction)
     if not lookup.is_moving:
-        yield Constant("lateral_acceleration_cap_per_friction", per_friction, "m/s^2", "for a friction of 1, on slippery roads")
+        yield Constant(
+            "lateral_acceleration_cap_per_friction",
+            per_friction,
+            M_S2,
+            "largest lateral acceleration per friction, on slippery roads",
+        )
     elif law.uses_reference_model:
         for axle, shares in zip(("front", "rear"), lookup.axle_shares.T, strict=True):
-            meaning = f"lateral peak of the {axle} axle as a fraction of that at constant speed, on each layer"
-            yield Constant(f"{axle}_shares", _numbers(shares, stacked), "", meaning)
-    yield Constant("map_friction", float(lookup.friction), "", "friction of the road that the map assumes")
+            meaning = f"lateral peak of the {axle} axle relative to constant speed, for each layer"
+            yield Constant(f"{axle}_shares", _numbers(shares, stacked), NONE, meaning)
+    yield Constant("map_friction", float(lookup.friction), NONE, "road friction that the map assumes")
 
 
 def _vehicle(lookup: Lookup, *, stacked: bool) -> Iterator[Constant]:
@@ -83,12 +94,12 @@ def _vehicle(lookup: Lookup, *, stacked: bool) -> Iterator[Constant]:
     own, plural = lookup.cars[lookup.own], "s" * stacked
     understeer = _numbers((car.understeer_coefficient for car in lookup.cars), stacked)
     slip = _numbers((car.rear_slip for car in lookup.cars), stacked)
-    yield Constant("wheelbase", float(own.wheelbase), "m", "")
-    yield Constant(f"understeer_coefficient{plural}", understeer, "s^2/m", "")
-    yield Constant("rear_arm", float(own.rear_arm), "m", "centre of gravity to rear axle")
-    yield Constant(f"rear_slip_per_lateral_acceleration{plural}", slip, "rad s^2/m", "rear axle")
-    yield Constant("sideslip_max", float(own.sideslip_max), "rad", "bound of the optimisation")
-    yield Constant("rear_angle_max", float(own.rear_angle_max), "rad", "bound of the optimisation")
+    yield Constant("wheelbase", float(own.wheelbase), M, "wheelbase of the linear car")
+    yield Constant(f"understeer_coefficient{plural}", understeer, S2_M, "understeer coefficient of the linear car")
+    yield Constant("rear_arm", float(own.rear_arm), M, "distance from centre of gravity to rear axle")
+    yield Constant(f"rear_slip_per_lateral_acceleration{plural}", slip, RAD_S2_M, "rear slip angle per lateral acceleration")
+    yield Constant("sideslip_max", float(own.sideslip_max), RAD, "sideslip bound of the optimisation")
+    yield Constant("rear_angle_max", float(own.rear_angle_max), RAD, "rear angle bound of the optimisation")
 
 
 def _numbers(layers: Iterable[SupportsFloat], stacked: bool) -> float | tuple[float, ...]:
@@ -102,9 +113,13 @@ def _reference_model(config: Config, total: TotalMap, real: Real) -> Iterator[Co
     # Rounded up, so that the full grip is not mistaken for a road more slippery than the map's.
     per_grip = total.friction / cap * (1.0 + 4.0 * float(np.finfo(real).eps))
     slip = SingleTrack.from_config(config).rear_slip_per_lateral_acceleration
-    yield Constant("grip_max", cap, "m/s^2", "lateral acceleration that the map allows on its road")
-    yield Constant("friction_per_grip", per_grip, "s^2/m", "friction for each m/s^2 of it")
-    yield Constant("model_rear_slip_per_lateral_acceleration", slip, "rad s^2/m", "the same of the reference model")
+    yield Constant("grip_max", cap, M_S2, "largest lateral acceleration of the map on its road")
+    yield Constant("friction_per_grip", per_grip, S2_M, "friction per lateral acceleration")
+    yield Constant(
+        "model_rear_slip_per_lateral_acceleration", slip, RAD_S2_M, "rear slip angle per lateral acceleration of the model"
+    )
     half = 0.5 * min(AxleTyres.from_config(config).rear.peak_slip, SLIP_SEARCH_MAX)
-    yield Constant("rear_slip_least", half, "rad", "half of the slip at which the rear tyres give their peak force")
-    yield Constant("rear_slip_per_friction", half / total.friction, "rad", "the other half, for a friction of 1")
+    yield Constant("rear_slip_least", half, RAD, "half of the rear slip angle at peak force")
+    yield Constant(
+        "rear_slip_per_friction", half / total.friction, RAD, "other half of the rear slip angle at peak force, per friction"
+    )

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,20 +15,17 @@ from codegen.ecu_map.extend import TotalMap
 from codegen.ecu_map.lookup import Lookup
 from codegen.emit.dynamics_view import model_state
 from codegen.emit.inputs_view import inputs_parameters
-from codegen.emit.laws import REAR_ANGLE_MAX_RAD, YAW_RATE_ERROR_MAX_RAD_S, law_of
+from codegen.emit.laws import REAR_ANGLE_MAX_RAD, YAW_RATE_ERROR_MAX_RAD_S, Law, law_of
 from codegen.emit.limiter_view import limiter_parameters
 from codegen.emit.parameters import (
     RATE_OFF,
     Field,
     Parameter,
-    ParameterView,
     configured,
-    parameter_views,
     rate_key,
     search_strides,
 )
-from codegen.emit.text import Precision, literal
-from codegen.units import DEGREE, KM_H
+from codegen.units import DEGREE, KM_H, M_S, M_S2, NONE, RAD, RAD_M, RAD_S
 
 INITIALISED = 0x41525331
 """Mark of an initialised state: not zero, and unlikely in memory that was not initialised."""
@@ -82,40 +80,6 @@ SELFTEST_TOLERANCE = 1e-5
 """Tolerance in rad/s. A fused multiply-add changes the lookup by a few units in the last place, a wrong cell by far more."""
 
 
-@dataclass(frozen=True)
-class ControllerView:
-    """Everything that the controller's templates print."""
-
-    parameters: tuple[ParameterView, ...]
-    ranged: tuple[ParameterView, ...]
-    ranged_arrays: tuple[ParameterView, ...]
-    counts: tuple[ParameterView, ...]
-    points: tuple[tuple[str, int], ...]
-    search_strides: tuple[int, ...]
-    state: tuple[Field, ...]
-    law_state: tuple[Field, ...]
-    grip_state: tuple[Field, ...]
-    sample_ranges: Mapping[str, tuple[str, str]]
-    command_max: str
-    error_max: str
-    numbers: tuple[str, ...]
-    initialised: int
-    squares_max: str
-    sampling_time: str
-    period_text: str
-    actuator_angle_max: str
-    rest_min: str
-    standing_speed: str
-    slow_rate: str
-    reference_overshoot: float
-    estimate_factor: float
-    sideslip_return: str
-    lead_loss: str
-    sideslip_gain: str
-    known: tuple[str, ...]
-    selftest_tolerance: str
-
-
 def controller_parameters(config: Config) -> tuple[Parameter, ...]:
     """Return the fields of `<prefix>_parameters_t` in order, without inputs and limiter. Raises BuildError: see `law_of`."""
     return (*law_of(config).parameters(config), *_common_parameters(config))
@@ -134,27 +98,32 @@ def _common_parameters(config: Config) -> tuple[Parameter, ...]:
         Parameter(
             "rear_angle_max",
             config.rear_actuator.angle_max,
-            "rad, bound of the command, at most the actuator's largest angle",
+            RAD,
+            "largest command, at most the actuator's largest angle",
             1e-4,
             config.rear_actuator.angle_max,
         ),
         Parameter(
             "rear_rate_max",
             RATE_OFF if rate == "off" else math.radians(rate),
-            "rad/s, bound on the command's rate" + (" (off)" if rate == "off" else ""),
+            RAD_S,
+            "largest rate of the command" + (" (off)" if rate == "off" else ""),
             math.radians(REAR_RATE_MIN_DEG_S),
             RATE_OFF,
             key="controller.rear_rate_max_deg_s",
             to_key=rate_key,
         ),
-        configured(controller, "friction_min", "friction_min", "a lower estimate counts as this"),
+        configured(controller, "friction_min", "friction_min", NONE, "lower friction estimates are raised to this value"),
         *_speed_parameters(config),
-        configured(controller.fail_safe, "fail_safe_rate", "rate_deg_s", "rad/s, return to zero in fail-safe", DEGREE),
+        configured(
+            controller.fail_safe, "fail_safe_rate", "rate_deg_s", RAD_S, "rate of the return to zero in fail-safe", DEGREE
+        ),
         *_actuator_parameters(config),
         Parameter(
             "inhibit_samples_max",
             max(round(controller.inhibit_time_s / controller.sampling_time_s), 1),
-            "consecutive samples with Inhibit, then it is set for good",
+            NONE,
+            "consecutive samples with Inhibit until the controller enters standby",
             1,
             TASK_SAMPLES_MAX,
             key="controller.inhibit_time_s",
@@ -167,17 +136,20 @@ def _speed_parameters(config: Config) -> Iterator[Parameter]:
     """Yield the parameters of the lowest speeds: thresholds of a law that waits for them, else the fade to standstill."""
     controller, angle_max = config.controller, config.rear_actuator.angle_max
     if controller.waits_for_speed:
-        yield configured(controller, "enable_speed", "enable_speed_km_h", "m/s, control starts from here", KM_H)
-        yield configured(controller, "disable_speed", "disable_speed_km_h", "m/s, standby below", KM_H)
-        yield configured(controller, "standby_rate", "standby_rate_deg_s", "rad/s, return to zero in standby", DEGREE)
+        yield configured(controller, "enable_speed", "enable_speed_km_h", M_S, "control starts at this speed", KM_H)
+        yield configured(controller, "disable_speed", "disable_speed_km_h", M_S, "control ends below this speed", KM_H)
+        yield configured(
+            controller, "standby_rate", "standby_rate_deg_s", RAD_S, "rate of the return to zero in standby", DEGREE
+        )
         return
     yield configured(
-        controller, "slow_speed", "slow_speed_km_h", "m/s, no feedback below and in reverse, whole from twice it on", KM_H
+        controller, "slow_speed", "slow_speed_km_h", M_S, "no feedback below it or in reverse; full from twice it", KM_H
     )
     yield Parameter(
         "fade_rate",
         angle_max / controller.fade_distance_m,
-        "rad/m, largest change of the command for each metre below slow_speed",
+        RAD_M,
+        "largest change of the command per metre below slow_speed",
         1e-5,
         3.0,
         key="controller.fade_distance_m",
@@ -192,11 +164,12 @@ def _actuator_parameters(config: Config) -> Iterator[Parameter]:
     if isinstance(time, str):
         time = 2.0 * actuator.angle_max_deg / actuator.rate_max_deg_s + 10.0 * actuator.lag_s
     share = 1.0 - math.exp(-period / actuator.lag_s)
-    yield Parameter("actuator_share", share, "of the way to the command that the actuator goes in a sample", 1e-4, 1.0)
+    yield Parameter("actuator_share", share, NONE, "share of the remaining way that the actuator covers per sample", 1e-4, 1.0)
     yield Parameter(
         "actuator_error_max",
         math.radians(actuator.tolerated_error_deg),
-        "rad, tolerated error, in addition to twice the remaining way",
+        RAD,
+        "tolerated position error, besides twice the remaining way",
         1e-4,
         1.5,
         key="rear_actuator.stuck_error_deg",
@@ -206,7 +179,8 @@ def _actuator_parameters(config: Config) -> Iterator[Parameter]:
     yield Parameter(
         "actuator_samples_max",
         samples,
-        "samples off, less others, then it is stuck",
+        NONE,
+        "deviating samples minus following ones until the actuator counts as stuck",
         1,
         TASK_SAMPLES_MAX,
         key="rear_actuator.stuck_time_s",
@@ -214,81 +188,116 @@ def _actuator_parameters(config: Config) -> Iterator[Parameter]:
     )
 
 
-_LAW_STATE = (Field("bool", "is_limited", "a limit acted in the last sample"),)
+_LAW_STATE = (Field("bool", "is_limited", NONE, "a limit acted in the last sample"),)
 """State fields that every law has besides its own."""
 
 _GRIP_STATE = (
-    Field("real", "reached", "m/s^2 of lateral acceleration, lately"),
-    Field("real", "available", "m/s^2 of lateral acceleration that the road has not yet refused"),
+    Field("real", "reached", M_S2, "largest recent lateral acceleration"),
+    Field("real", "available", M_S2, "lateral acceleration that the road is assumed to carry"),
+)
+
+_STATE_OF_OTHERS = (
+    Field("measurement_t", "sample", NONE, "last sample after the plausibility checks"),
+    Field("inputs_t", "inputs", NONE, "state of the plausibility checks"),
+    Field("limiter_t", "limiter", NONE, "state of the safety limiter"),
+    Field("quality_t", "quality", NONE, "quality of the last sample"),
+    Field("status_t", "status", NONE, "status of the last step"),
 )
 
 _STATE = (
-    Field("real", "rear_angle", "rad, last command"),
-    Field("real", "yaw_rate_reference", "rad/s, last reference"),
-    Field("real", "yaw_rate_error", "rad/s, last reference minus measured yaw rate; 0 while control is off"),
-    Field("bool", "enabled", "the law runs"),
-    Field("uint32_t", "initialised", "mark of an initialised state"),
+    Field("real", "rear_angle", RAD, "last command"),
+    Field("real", "yaw_rate_reference", RAD_S, "last reference"),
+    Field("real", "yaw_rate_error", RAD_S, "last reference minus measured yaw rate; 0 while control is off"),
+    Field("bool", "enabled", NONE, "the control law runs"),
+    Field("uint32_t", "initialised", NONE, "mark of an initialised state"),
 )
 
 
-def controller_view(
-    config: Config, total: TotalMap, lookup: Lookup, prefix: str, precision: Precision, real: str
-) -> ControllerView:
-    """Return the view of the configured controller around a total map and its lookup. Raises BuildError: see `law_of`."""
-    law = law_of(config)
-    parameters = parameter_views(controller_parameters(config), prefix, precision, real)
-    law_fields = (*law.state, *_LAW_STATE)
-    law_state = list(law_fields)
-    state = [Field(f"{prefix}_law_t", "law", "the control law"), *_STATE]
-    numbers = [f"law.{field.name}" for field in law_fields if field.kind == "real"]
-    numbers += [field.name for field in _STATE if field.kind == "real" and field.name not in REWRITTEN]
-    if law.uses_reference_model:
-        law_state.insert(0, Field(f"{prefix}_reference_model_t", "model", "of the car"))
-        state.insert(1, Field(f"{prefix}_grip_t", "grip", "of the road"))
-        numbers += [f"law.model.{name}" for name in model_state(config)]
-        numbers += [f"grip.{field.name}" for field in _GRIP_STATE]
-    signals = {signal.role for signal in config.can.measured if signal.is_extra}
-    numbers += [f"inputs.{name}" for name in INPUT_NUMBERS if name != "longitudinal_acceleration" or name in signals]
-    numbers.append("limiter.rear_angle")  # a step rewrites the others before it reads them
-    state.append(Field(f"{prefix}_measurement_t", "sample", "last sample after monitoring"))
-    state.append(Field(f"{prefix}_inputs_t", "inputs", "first in the chain"))
-    state.append(Field(f"{prefix}_limiter_t", "limiter", "last in the chain"))
-    state.append(Field(f"{prefix}_quality_t", "quality", "of the last sample"))
-    state.append(Field(f"{prefix}_status_t", "status", "of the last step"))
-    period, points = config.controller.sampling_time_s, law.points(config, prefix)
-    return ControllerView(
-        parameters=parameters,
-        ranged=tuple(view for view in parameters if not view.is_count and not view.points),
-        counts=tuple(view for view in parameters if view.is_count),
-        ranged_arrays=tuple(view for view in parameters if view.points),
-        points=points,
-        search_strides=search_strides(max((size for _, size in points), default=0)),
-        state=tuple(state),
-        law_state=tuple(law_state),
-        grip_state=_GRIP_STATE,
-        sample_ranges={name: (f"{low:g}", f"{high:g}") for name, (low, high) in law.sample_ranges.items()},
-        command_max=f"{REAR_ANGLE_MAX_RAD:g}",
-        error_max=f"{YAW_RATE_ERROR_MAX_RAD_S:g}",
-        numbers=tuple(numbers),
-        initialised=INITIALISED,
-        squares_max=literal(SQUARES_MAX, precision),
-        sampling_time=literal(period, precision),
-        period_text=f"{period * 1e3:g} ms",
-        actuator_angle_max=literal(config.rear_actuator.angle_max, precision),
-        rest_min=literal(REST_MIN, precision),
-        standing_speed=literal(STANDING_SPEED, precision),
-        slow_rate=literal(SLOW_RATE, precision),
-        reference_overshoot=REFERENCE_OVERSHOOT,
-        estimate_factor=ESTIMATE_FACTOR,
-        sideslip_return=literal(SIDESLIP_RETURN, precision),
-        lead_loss=literal(LEAD_LOSS, precision),
-        sideslip_gain=literal(SIDESLIP_GAIN, precision),
-        known=_known_values(total, lookup, precision),
-        selftest_tolerance=literal(SELFTEST_TOLERANCE, precision),
-    )
+@dataclass(frozen=True)
+class ControllerView:
+    """What the templates of the controller print, in SI units.
+
+    Attributes:
+        known: numbers for the self-test, see `known_values`.
+    """
+
+    config: Config
+    known: tuple[tuple[float, ...], ...]
+
+    grip_state = _GRIP_STATE
+    initialised = INITIALISED
+    squares_max = SQUARES_MAX
+    rest_min = REST_MIN
+    standing_speed, slow_rate = STANDING_SPEED, SLOW_RATE
+    reference_overshoot = REFERENCE_OVERSHOOT
+    estimate_factor = ESTIMATE_FACTOR
+    sideslip_return, lead_loss, sideslip_gain = SIDESLIP_RETURN, LEAD_LOSS, SIDESLIP_GAIN
+    command_max, error_max = REAR_ANGLE_MAX_RAD, YAW_RATE_ERROR_MAX_RAD_S
+    selftest_tolerance = SELFTEST_TOLERANCE
+
+    @functools.cached_property
+    def law(self) -> Law:
+        """The control law."""
+        return law_of(self.config)
+
+    @functools.cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Fields of `<prefix>_parameters_t`, without inputs and limiter."""
+        return controller_parameters(self.config)
+
+    @property
+    def arrays(self) -> tuple[Parameter, ...]:
+        """The arrays among the parameters."""
+        return tuple(each for each in self.parameters if each.points)
+
+    @property
+    def points(self) -> dict[str, int]:
+        """Names of the sizes of the arrays, without the prefix of the build, with the sizes."""
+        return {each.points: len(each.values) for each in self.arrays}
+
+    @property
+    def search_strides(self) -> tuple[int, ...]:
+        """Strides of the search among the breakpoints of the gains."""
+        return search_strides(max(self.points.values(), default=0))
+
+    @property
+    def sampling_time(self) -> float:
+        """Period of the steps."""
+        return self.config.controller.sampling_time_s
+
+    @property
+    def actuator_angle_max(self) -> float:
+        """Largest angle of the actuator."""
+        return self.config.rear_actuator.angle_max
+
+    @property
+    def law_state(self) -> tuple[Field, ...]:
+        """Fields of the state of the law."""
+        model = (
+            (Field("reference_model_t", "model", NONE, "reference model of the car"),) if self.law.uses_reference_model else ()
+        )
+        return (*model, *self.law.state, *_LAW_STATE)
+
+    @property
+    def state(self) -> tuple[Field, ...]:
+        """Fields of the state of the controller."""
+        grip = (Field("grip_t", "grip", NONE, "estimated grip of the road"),) if self.law.uses_reference_model else ()
+        return (Field("law_t", "law", NONE, "state of the control law"), *grip, *_STATE, *_STATE_OF_OTHERS)
+
+    @property
+    def numbers(self) -> tuple[str, ...]:
+        """Paths of the real numbers in the state that a step reads before it writes them."""
+        numbers = [f"law.{field.name}" for field in self.law_state if field.kind == "real"]
+        numbers += [field.name for field in _STATE if field.kind == "real" and field.name not in REWRITTEN]
+        if self.law.uses_reference_model:
+            numbers += [f"law.model.{name}" for name in model_state(self.config)]
+            numbers += [f"grip.{field.name}" for field in _GRIP_STATE]
+        signals = {signal.role for signal in self.config.can.measured if signal.is_extra}
+        numbers += [f"inputs.{name}" for name in INPUT_NUMBERS if name != "longitudinal_acceleration" or name in signals]
+        return (*numbers, "limiter.rear_angle")
 
 
-def _known_values(total: TotalMap, lookup: Lookup, precision: Precision) -> tuple[str, ...]:
+def known_values(total: TotalMap, lookup: Lookup) -> tuple[tuple[float, ...], ...]:
     """Return rows of speed, front angle, friction, with a stack over it acceleration, and yaw rate: corners, inner points,
     points beyond the edges, both signs, slippery roads, and each layer.
 
@@ -319,8 +328,4 @@ def _known_values(total: TotalMap, lookup: Lookup, precision: Precision) -> tupl
     for road in dict.fromkeys(tuple(point[2:]) for point in points):
         speeds, angles = np.array([point[:2] for point in points if point[2:] == road]).T
         known[road] = iter(lookup(speeds, angles, *road))
-    rows = []
-    for point in points:
-        numbers = (*point, next(known[tuple(point[2:])]).item())
-        rows.append(", ".join(literal(number, precision) for number in numbers))
-    return tuple(rows)
+    return tuple((*point, next(known[tuple(point[2:])]).item()) for point in points)

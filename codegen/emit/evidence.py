@@ -101,12 +101,12 @@ def _gap_text(gap: float) -> str:
     if gap <= 0.0:
         return ""
     degrees = math.degrees(_rounded(gap))
-    return f"; of that, {degrees:.2g} deg/s for what the fine grid is off at {GAP_POINTS} x {GAP_POINTS} other points"
+    return f", of which {degrees:.2g} deg/s is the error of the fine grid, found at {GAP_POINTS} x {GAP_POINTS} other points"
 
 
 def _rear_text(rear_angle: float, as_yaw_rate: float) -> str:
     angle, rate = (math.degrees(_rounded(error)) for error in (rear_angle, as_yaw_rate))
-    return f"; the rear angle at most {angle:.2g} deg off, worth at most {rate:.3g} deg/s"
+    return f"; error of the rear angle at most {angle:.2g} deg, which changes the yaw rate by at most {rate:.3g} deg/s"
 
 
 def placement_summary(manifest: Mapping[str, Any]) -> dict[str, Any]:

@@ -26,7 +26,7 @@ from codegen.design.margins import Gains, gains_of
 from codegen.emit.dynamics_view import SIDESLIP_MAX
 from codegen.emit.parameters import Field, Parameter, configured, lag_of
 from codegen.errors import BuildError
-from codegen.units import DEGREE, KM_H
+from codegen.units import DEGREE, KM_H, M_S, M_S2, M_S3, NONE, PER_S, RAD, RAD_S, RAD_S2_M, M, S
 from codegen.vehicle.single_track import SingleTrack
 
 SAMPLE_RANGES = {"speed": (-200.0, 200.0), "front_angle": (-1.5, 1.5), "yaw_rate": (-20.0, 20.0)}
@@ -51,7 +51,6 @@ class Law:
         scheduled: whether the gains come from controller.tracking.schedule, which `codegen tune` writes.
         uses_rear_angle: whether the law looks up the rear angle of the optimum.
         uses_reference_model: whether the law needs the units `<prefix>_reference_model` and `<prefix>_grip`.
-        points: function that returns name and size of the arrays among the parameters.
         waits_for_speed: whether the law runs only from a speed on; see `Controller.waits_for_speed`.
     """
 
@@ -63,7 +62,6 @@ class Law:
     scheduled: bool = False
     uses_rear_angle: bool = False
     uses_reference_model: bool = False
-    points: Callable[[Config, str], tuple[tuple[str, int], ...]] = lambda _config, _prefix: ()
     waits_for_speed: bool = False
 
     @property
@@ -89,7 +87,8 @@ def _lead_over_actuator(config: Config) -> Parameter:
         config.controller,
         "rear_angle_error_max",
         "rear_angle_error_max_deg",
-        "rad, largest distance of the demand from the measured rear angle",
+        RAD,
+        "largest lead of the demand over the measured rear angle",
         DEGREE,
         1.0,
     )
@@ -98,8 +97,16 @@ def _lead_over_actuator(config: Config) -> Parameter:
 def _pi_parameters(config: Config) -> tuple[Parameter, ...]:
     controller = config.controller
     return (
-        configured(controller, "proportional_gain", "proportional_gain_s", "s: rad of rear angle for each rad/s of error"),
-        configured(controller, "integral_gain", "integral_gain", "rad of rear angle for each rad of integrated error"),
+        configured(
+            controller,
+            "proportional_gain",
+            "proportional_gain_s",
+            S,
+            "proportional gain: rear angle for a yaw-rate error of 1 rad/s",
+        ),
+        configured(
+            controller, "integral_gain", "integral_gain", NONE, "integral gain: rear angle per integrated yaw-rate error"
+        ),
         _lead_over_actuator(config),
     )
 
@@ -123,12 +130,13 @@ def schedule_of(config: Config) -> Schedule:
 
 def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
     tracking, schedule = config.controller.tracking, schedule_of(config)
-    points = "{PREFIX}_SCHEDULE_POINTS"
+    points = "SCHEDULE_POINTS"
     return (
         Parameter(
             "schedule_speed",
             tuple(speed * KM_H for speed in schedule.speed_km_h),
-            "m/s, breakpoints of the gains, increasing; the last gains hold beyond them",
+            M_S,
+            "speeds of the gain schedule; the outermost gains hold beyond them",
             0.0,
             200.0,
             points,
@@ -139,7 +147,8 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
         Parameter(
             "proportional_gain",
             tuple(schedule.proportional_gain_s),
-            "s: rad of rear angle for each rad/s of error",
+            S,
+            "proportional gain: rear angle for a yaw-rate error of 1 rad/s",
             0.0,
             PROPORTIONAL_GAIN_MAX_S,
             points,
@@ -148,7 +157,8 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
         Parameter(
             "integral_gain",
             tuple(schedule.integral_gain),
-            "rad of rear angle for each rad of integrated error",
+            NONE,
+            "integral gain: rear angle per integrated yaw-rate error",
             INTEGRAL_GAIN_MIN,
             INTEGRAL_GAIN_MAX,
             points,
@@ -157,7 +167,8 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
         Parameter(
             "lead_time",
             tuple(schedule.lead_s or [tracking.lead_s] * len(schedule.speed_km_h)),
-            "s, prediction time of the front angle that enters the map",
+            S,
+            "prediction time of the front angle for the map",
             -LEAD_MAX_S,
             LEAD_MAX_S,
             points,
@@ -166,7 +177,8 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
         Parameter(
             "response_gain",
             tuple(schedule.response_gain_s or [0.0] * len(schedule.speed_km_h)),
-            "s: rad of rear angle for each rad/s that the model's yaw rate is below the map's",
+            S,
+            "gain on the difference between map and model yaw rate",
             0.0,
             RESPONSE_GAIN_MAX_S,
             points,
@@ -175,7 +187,8 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
         Parameter(
             "lead_smoothing",
             1.0 - math.exp(-config.controller.sampling_time_s / tracking.lead_smoothing_s),
-            "weight of a new rate of the front angle in its low-pass filter",
+            NONE,
+            "weight of a new front-angle rate in its low-pass filter",
             0.01,
             1.0,
             key="controller.tracking.lead_smoothing_s",
@@ -184,7 +197,8 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
         Parameter(
             "lead_angle_max",
             math.radians(tracking.lead_max_deg),
-            "rad, bound of the predicted change",
+            RAD,
+            "largest predicted change of the front angle",
             0.0,
             0.5,
             key="controller.tracking.lead_max_deg",
@@ -194,13 +208,15 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
             tracking,
             "response_samples",
             "response_ahead_s",
-            "samples, prediction time of the model's yaw rate for the response gain",
+            NONE,
+            "prediction time of the model's yaw rate, in samples",
             1.0 / config.controller.sampling_time_s,
         ),
         Parameter(
             "yaw_increasing_max",
             math.radians(tracking.yaw_increasing_max_deg),
-            "rad, bound of the feedback in the direction that increases the yaw rate",
+            RAD,
+            "largest feedback that increases the yaw rate, at sideslip_max",
             0.0,
             1.0,
             key="controller.tracking.yaw_increasing_max_deg",
@@ -209,7 +225,8 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
         Parameter(
             "yaw_increasing_wide",
             math.radians(tracking.yaw_increasing_wide_deg),
-            "rad, the same bound without sideslip out of the turn",
+            RAD,
+            "largest feedback that increases the yaw rate, without outward sideslip",
             0.0,
             1.0,
             key="controller.tracking.yaw_increasing_wide_deg",
@@ -218,7 +235,8 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
         Parameter(
             "sideslip_max",
             math.radians(tracking.sideslip_max_deg),
-            "rad, sideslip out of the turn at which that bound ends, and beyond which the reference falls",
+            RAD,
+            "outward sideslip at which yaw_increasing_max applies; beyond it, the reference falls",
             0.005,
             1.0,
             key="controller.tracking.sideslip_max_deg",
@@ -227,7 +245,8 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
         Parameter(
             "turn_margin_rate",
             math.radians(tracking.turn_margin_deg_s),
-            "rad/s, by which the reference may exceed the turn of the lateral acceleration",
+            RAD_S,
+            "largest excess of the reference over the yaw rate from lateral acceleration",
             0.0,
             1.0,
             key="controller.tracking.turn_margin_deg_s",
@@ -236,7 +255,8 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
         Parameter(
             "turn_margin",
             tracking.turn_margin_m_s2,
-            "m/s^2, smallest such margin",
+            M_S2,
+            "lower limit of turn_margin_rate times the speed",
             0.0,
             10.0,
             key="controller.tracking.turn_margin_m_s2",
@@ -244,7 +264,8 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
         Parameter(
             "trim_share",
             tracking.trim_max_percent / 100.0,
-            "bound of the trim, as a share of the map's yaw rate",
+            NONE,
+            "largest trim as a share of the map's yaw rate",
             0.0,
             TRIM_MAX_PERCENT / 100.0,
             key="controller.tracking.trim_max_percent",
@@ -253,7 +274,8 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
         Parameter(
             "trim_rate",
             1.0 / tracking.trim_time_s,
-            "1/s, inverse time constant of the trim",
+            PER_S,
+            "inverse time constant of the trim",
             0.01,
             20.0,
             key="controller.tracking.trim_time_s",
@@ -262,7 +284,8 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
         Parameter(
             "grip_shortfall",
             tracking.grip_shortfall_m_s2,
-            "m/s^2, shortfall of lateral acceleration that does not count as a loss of grip",
+            M_S2,
+            "missing lateral acceleration that does not count as lost grip",
             0.1,
             20.0,
             key="controller.tracking.grip_shortfall_m_s2",
@@ -270,7 +293,8 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
         Parameter(
             "grip_shortfall_share",
             tracking.grip_shortfall_share,
-            "share of the model's acceleration that is added to it while little grip is used",
+            NONE,
+            "share of the model's acceleration added to grip_shortfall in gentle turns",
             0.0,
             1.0,
             key="controller.tracking.grip_shortfall_share",
@@ -278,7 +302,8 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
         Parameter(
             "grip_loss_rate",
             1.0 / tracking.grip_loss_time_s,
-            "1/s, inverse time constant of a loss of grip",
+            PER_S,
+            "inverse time constant with which the assumed grip falls",
             0.1,
             50.0,
             key="controller.tracking.grip_loss_time_s",
@@ -287,7 +312,8 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
         Parameter(
             "grip_forgetting",
             1.0 / tracking.grip_memory_s,
-            "1/s, inverse time constant of the reached lateral acceleration",
+            PER_S,
+            "inverse time constant for forgetting the largest lateral acceleration",
             0.01,
             50.0,
             key="controller.tracking.grip_memory_s",
@@ -296,7 +322,8 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
         Parameter(
             "grip_recovery",
             tracking.grip_recovery_m_s3,
-            "m/s^3, recovery of the grip in a turn",
+            M_S3,
+            "rise of the assumed grip in a turn",
             0.01,
             100.0,
             key="controller.tracking.grip_recovery_m_s3",
@@ -304,7 +331,8 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
         Parameter(
             "grip_recovery_idle",
             tracking.grip_recovery_idle_m_s3,
-            "m/s^3, recovery while less than half of the grip is needed",
+            M_S3,
+            "rise of the assumed grip while under half is used",
             0.01,
             100.0,
             key="controller.tracking.grip_recovery_idle_m_s3",
@@ -316,9 +344,14 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
 def _proportional_parameters(config: Config) -> tuple[Parameter, ...]:
     car = SingleTrack.from_config(config)
     return (
-        Parameter("rear_arm", car.rear_arm, "m, centre of gravity to rear axle", 0.1, 20.0),
+        Parameter("rear_arm", car.rear_arm, M, "distance from centre of gravity to rear axle", 0.1, 20.0),
         Parameter(
-            "rear_slip_per_acceleration", car.rear_slip_per_lateral_acceleration, "rad s^2/m, at the rear axle", 0.0, 1.0
+            "rear_slip_per_acceleration",
+            car.rear_slip_per_lateral_acceleration,
+            RAD_S2_M,
+            "rear slip angle per lateral acceleration",
+            0.0,
+            1.0,
         ),
     )
 
@@ -331,26 +364,25 @@ LAWS = {
             title="feedforward of the optimum, reference model, scheduled feedback",
             parameters=_tracking_parameters,
             state=(
-                Field("real", "trim", "rad/s, correction towards the map's yaw rate", 16.0),
-                Field("real", "sideslip", "rad, observed", SIDESLIP_MAX),
-                Field("real", "integral", "rad, part of the rear angle"),
-                Field("real", "front_angle", "rad, of the last sample", SAMPLE_RANGES["front_angle"][1]),
-                Field("real", "front_rate", "rad/s, smoothed"),
-                Field("real", "previous_model_yaw_rate", "rad/s, one sample ago"),
-                Field("uint16_t", "missed_samples", "predicted since the last good sample"),
-                Field("real", "yaw_rate", "rad/s, of the last sample", SAMPLE_RANGES["yaw_rate"][1]),
+                Field("real", "trim", RAD_S, "correction towards the map's yaw rate", 16.0),
+                Field("real", "sideslip", RAD, "observed sideslip angle", SIDESLIP_MAX),
+                Field("real", "integral", RAD, "integral part of the rear angle"),
+                Field("real", "front_angle", RAD, "front angle of the last sample", SAMPLE_RANGES["front_angle"][1]),
+                Field("real", "front_rate", RAD_S, "smoothed rate of the front angle"),
+                Field("real", "previous_model_yaw_rate", RAD_S, "yaw rate of the model one sample ago"),
+                Field("uint16_t", "missed_samples", NONE, "predicted samples since the last good one"),
+                Field("real", "yaw_rate", RAD_S, "yaw rate of the last sample", SAMPLE_RANGES["yaw_rate"][1]),
             ),
             gains=lambda config: gains_of(schedule_of(config)),
             scheduled=True,
             uses_rear_angle=True,
             uses_reference_model=True,
-            points=lambda config, prefix: ((f"{prefix.upper()}_SCHEDULE_POINTS", len(schedule_of(config).speed_km_h)),),
         ),
         Law(
             kind="pi",
             title="the paper's PI on the yaw-rate error",
             parameters=_pi_parameters,
-            state=(Field("real", "integral", "rad, part of the rear angle"),),
+            state=(Field("real", "integral", RAD, "integral part of the rear angle"),),
             gains=_pi_gains,
             waits_for_speed=True,
         ),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,27 +13,16 @@ import numpy as np
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.configuration.controller import REAR_RATE_MIN_DEG_S
-from codegen.emit.parameters import RATE_OFF, Parameter, ParameterView, parameter_views, rate_key
-from codegen.emit.text import Precision, literal
+from codegen.emit.parameters import RATE_OFF, Parameter, rate_key
 from codegen.map_file.map import ReferenceMap
-from codegen.units import KM_H
+from codegen.units import KM_H, M_S, RAD, RAD_S
 from codegen.vehicle.single_track import SingleTrack
 
-POINTS = "{PREFIX}_LIMITER_POINTS"
+POINTS = "LIMITER_POINTS"
 POINTS_FROM_CAR = 6
 """Number of breakpoints of the opposite-phase bound if they are derived from the car."""
 FIRST_SPEED_SHARE_MAX = 0.9
 """The first of them is at most this share of the last, so that they differ in any precision."""
-
-
-@dataclass(frozen=True)
-class LimiterView:
-    """Everything that the limiter's templates print."""
-
-    parameters: tuple[ParameterView, ...]
-    points: int
-    sampling_time: str
-    period_text: str
 
 
 def opposite_phase_speeds_km_h(config: Config) -> list[float]:
@@ -84,11 +74,12 @@ def limiter_parameters(config: Config) -> tuple[Parameter, ...]:
     limiter, inputs, angle_max = config.limiter, config.controller.inputs, config.rear_actuator.angle_max
     rate, off = limiter.rear_rate_max_deg_s, limiter.opposite_phase_max_deg == "off"
     return (
-        Parameter("rear_angle_max", angle_max, "rad, bound of the command", 1e-4, 1.0),
+        Parameter("rear_angle_max", angle_max, RAD, "largest command", 1e-4, 1.0),
         Parameter(
             "rear_rate_max",
             RATE_OFF if rate == "off" else math.radians(rate),
-            "rad/s" + (" (off)" if rate == "off" else ""),
+            RAD_S,
+            "largest rate of the command" + (" (off)" if rate == "off" else ""),
             math.radians(REAR_RATE_MIN_DEG_S),
             RATE_OFF,
             key="limiter.rear_rate_max_deg_s",
@@ -97,7 +88,8 @@ def limiter_parameters(config: Config) -> tuple[Parameter, ...]:
         Parameter(
             "opposite_phase_speed",
             tuple(speed * KM_H for speed in opposite_phase_speeds_km_h(config)),
-            "m/s, breakpoints, increasing",
+            M_S,
+            "speeds of the opposite-phase bound",
             0.0,
             200.0,
             POINTS,
@@ -108,7 +100,8 @@ def limiter_parameters(config: Config) -> tuple[Parameter, ...]:
         Parameter(
             "opposite_phase_max",
             tuple(opposite_phase_max(config)),
-            "rad, bound of the opposite-phase angle at those speeds" + (" (off)" if off else ""),
+            RAD,
+            "largest angle opposite to the front wheels at those speeds" + (" (off)" if off else ""),
             0.0,
             1.0,
             POINTS,
@@ -118,32 +111,40 @@ def limiter_parameters(config: Config) -> tuple[Parameter, ...]:
         Parameter(
             "in_phase_from_front_angle",
             limiter.in_phase_from_front_angle,
-            "rad, front angle from which the whole rear_angle_max is allowed in phase",
+            RAD,
+            "front angle from which the full in-phase angle is allowed",
             1e-4,
             1.0,
             key="limiter.in_phase_from_front_angle_deg",
             to_key=math.degrees,
         ),
-        Parameter("speed_max", inputs.speed_max_km_h * KM_H, "m/s, range; a speed beyond it is ignored", 1.0, 200.0),
+        Parameter("speed_max", inputs.speed_max_km_h * KM_H, M_S, "largest valid speed; larger ones are ignored", 1.0, 200.0),
         Parameter(
             "front_angle_max",
             math.radians(inputs.front_angle_max_deg),
-            "rad, range; a front angle beyond it is ignored",
+            RAD,
+            "largest valid front angle; larger ones are ignored",
             0.01,
             1.5,
         ),
     )
 
 
-def limiter_view(config: Config, prefix: str, precision: Precision, real: str) -> LimiterView:
-    """Return the view of a configuration's limiter."""
-    period = config.controller.sampling_time_s
-    return LimiterView(
-        parameters=parameter_views(limiter_parameters(config), prefix, precision, real),
-        points=len(opposite_phase_speeds_km_h(config)),
-        sampling_time=literal(period, precision),
-        period_text=f"{period * 1e3:g} ms",
-    )
+@dataclass(frozen=True)
+class LimiterView:
+    """What the templates of the limiter print."""
+
+    config: Config
+
+    @functools.cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Fields of `<prefix>_limiter_parameters_t`."""
+        return limiter_parameters(self.config)
+
+    @property
+    def points(self) -> int:
+        """Number of breakpoints of the opposite-phase bound."""
+        return len(opposite_phase_speeds_km_h(self.config))
 
 
 CUT_MIN_RAD = 1e-6

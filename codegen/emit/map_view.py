@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -16,10 +15,10 @@ from codegen.ecu_map.extend import TotalMap
 from codegen.ecu_map.lookup import GRIP_LEAST, AxisConstants, Lookup
 from codegen.ecu_map.storage import Axis, raw_of
 from codegen.emit.laws import law_of
-from codegen.emit.text import Precision, c_type, lines_of, literal
+from codegen.emit.text import Precision, c_type, lines_of, literal, shortest
 from codegen.errors import MapError
 from codegen.map_file.tables import ACCELERATION, FRICTION, PLAUSIBLE, Stack
-from codegen.units import KM_H
+from codegen.units import KM_H, M_S, NONE, RAD, RAD_S, Unit
 
 MAGNITUDE = "front_angle_magnitude"
 """Name of the C argument that is never negative."""
@@ -49,7 +48,7 @@ class AxisView:
     name: str
     title: str
     argument: str
-    unit: str
+    unit: Unit
     locate: str
     size: int
     text: str
@@ -113,9 +112,9 @@ class NumbersView:
     name: str
     function: str
     type: str
-    unit: str
+    unit: Unit
     times: str
-    scale: str
+    scale: float | None
     scale_name: str
     scale_argument: str
     layers: tuple[LayerView, ...]
@@ -126,11 +125,17 @@ class TableView(NumbersView):
     """A table on the shared axes that may be calibrated. `indices` are the C subscripts of its layers ("" if there is only
     one). `are_between` and `crc_of` are the C functions for its numbers."""
 
+    quantity: str
     are_between: str
     crc_of: str
-    low: str
-    high: str
+    low: float
+    high: float
     indices: tuple[str, ...]
+
+    @property
+    def title(self) -> str:
+        """What it has, in words."""
+        return self.quantity.replace("_", " ")
 
 
 @dataclass(frozen=True)
@@ -147,9 +152,10 @@ class GripView:
 class MapView:
     """The tables with their axes and caps."""
 
+    axis_tops = (SPEED_TOP, FRONT_ANGLE_TOP)
+
     speed: AxisView
     front_angle: AxisView
-    axis_tops: tuple[str, str]
     evenness: str
     tables: tuple[TableView, ...]
     table_size: str
@@ -210,12 +216,11 @@ def map_view(total: TotalMap, lookup: Lookup, config: Config, precision: Precisi
     size = sum(part.nbytes for part in numbers)
     grip = _grip_view(total, lookup, options)
     names = (f"{prefix}_map_speed_breakpoints", f"{prefix}_map_front_angle_breakpoints")
-    speed = _axis_view(lookup.speed_axis, "speed", "speed", "m/s", names[0], options)
-    front_angle = _axis_view(lookup.front_axis, "front_angle", MAGNITUDE, "rad", names[1], options)
+    speed = _axis_view(lookup.speed_axis, "speed", "speed", M_S, names[0], options)
+    front_angle = _axis_view(lookup.front_axis, "front_angle", MAGNITUDE, RAD, names[1], options)
     return MapView(
         speed=speed,
         front_angle=front_angle,
-        axis_tops=(literal(SPEED_TOP, precision), literal(FRONT_ANGLE_TOP, precision)),
         evenness=literal(EVENNESS, precision),
         tables=tables,
         table_size=_size(total, speed.points, front_angle.points, prefix),
@@ -232,7 +237,7 @@ def map_view(total: TotalMap, lookup: Lookup, config: Config, precision: Precisi
         layer_texts=tuple(quantity.text(value, " of") for value in values),
         layer_count=len(values),
         grip=grip,
-        rear_angle_max_text=_with_unit(total.steering.rear_angle_max, "rad"),
+        rear_angle_max_text=_with_unit(total.steering.rear_angle_max, RAD),
         cap_text=f"{total.lateral_acceleration_cap:.4g} m/s^2",
         friction_text=f"{total.friction:g}",
         checksum=f"0x{checksum:08X}u",
@@ -286,13 +291,13 @@ def _grip_view(total: TotalMap, lookup: Lookup, options: _Options) -> GripView |
     speed, front_angle, scale = lookup.grip.speed_axis, lookup.grip.front_axis, total.grip.scale
     prefix = f"{options.prefix}_map_grip"
     return GripView(
-        speed=_axis_view(speed, "grip_speed", "speed", "m/s", f"{prefix}_speed_breakpoints", options),
-        front_angle=_axis_view(front_angle, "grip_front_angle", MAGNITUDE, "rad", f"{prefix}_front_angle_breakpoints", options),
+        speed=_axis_view(speed, "grip_speed", "speed", M_S, f"{prefix}_speed_breakpoints", options),
+        front_angle=_axis_view(front_angle, "grip_front_angle", MAGNITUDE, RAD, f"{prefix}_front_angle_breakpoints", options),
         share=NumbersView(
             name=f"{prefix}_share_table",
             function="grip_share",
             layers=_layers(total, total.grip.speed, _grip_numbers(total, lookup)[0], options.precision),
-            **_storage("grip_share", "1", scale, options),
+            **_storage("grip_share", NONE, scale, options),
         ),
         size=_size(total, speed.axis.size, front_angle.axis.size, options.prefix),
     )
@@ -310,11 +315,12 @@ def _grip_numbers(total: TotalMap, lookup: Lookup) -> list[npt.NDArray[Any]]:
 
 
 def _tables(total: TotalMap, lookup: Lookup, options: _Options, with_rear_angle: bool) -> Iterator[TableView]:
-    functions = [("yaw_rate", "uncapped_yaw_rate", "rad/s"), ("rear_angle", "rear_angle_of_table", "rad")]
+    functions = [("yaw_rate", "uncapped_yaw_rate", RAD_S), ("rear_angle", "rear_angle_of_table", RAD)]
     stored = _stored(total, lookup, with_rear_angle)
     for (quantity, function, unit), (numbers, scale) in zip(functions, stored, strict=False):
-        low, high = (literal(bound, options.precision) for bound in TABLE_RANGES[quantity])
+        low, high = TABLE_RANGES[quantity]
         yield TableView(
+            quantity=quantity,
             name=f"{options.prefix}_map_{quantity}_table",
             function=function,
             are_between="are_between" if scale is None else "are_values_between",
@@ -327,7 +333,7 @@ def _tables(total: TotalMap, lookup: Lookup, options: _Options, with_rear_angle:
         )
 
 
-def _storage(quantity: str, unit: str, scale: float | None, options: _Options) -> dict[str, str]:
+def _storage(quantity: str, unit: Unit, scale: float | None, options: _Options) -> dict[str, Any]:
     """Return the fields of a view that describe how the C stores a table's numbers."""
     factor = "" if scale is None else literal(scale, options.precision)
     name = f"{options.prefix}_constants.{quantity}_scale"
@@ -335,7 +341,7 @@ def _storage(quantity: str, unit: str, scale: float | None, options: _Options) -
         "type": "int16_t" if factor else c_type(options.precision),
         "unit": unit,
         "times": f" = {factor} * raw" if factor else "",
-        "scale": factor,
+        "scale": None if scale is None else shortest(scale, options.precision),
         "scale_name": name if factor else "",
         "scale_argument": f"{name}, " if factor else "",
     }
@@ -400,7 +406,7 @@ def _check_apart(key: str, constants: AxisConstants) -> None:
         )
 
 
-def _axis_view(constants: AxisConstants, name: str, argument: str, unit: str, breakpoints: str, options: _Options) -> AxisView:
+def _axis_view(constants: AxisConstants, name: str, argument: str, unit: Unit, breakpoints: str, options: _Options) -> AxisView:
     axis: Axis = constants.axis
     first, last = f"breakpoints[{axis.core_start}]", f"breakpoints[{axis.core_end}]"
     count = literal(float(axis.core_end - axis.core_start), options.precision)
@@ -450,9 +456,8 @@ def _cells(axis: Axis, argument: str, count: str, zero: str) -> tuple[CellsView,
     return beyond, core, *first
 
 
-def _with_unit(value: float, unit: str) -> str:
-    other = f"{value / KM_H:.4g} km/h" if unit == "m/s" else f"{math.degrees(value):.4g} deg"
-    return f"{value:.4g} {unit} ({other})"
+def _with_unit(value: float, unit: Unit) -> str:
+    return f"{value:.4g} {unit} ({unit.as_shown(value)})"
 
 
 def _kind_of(axis: Axis) -> str:
@@ -462,7 +467,7 @@ def _kind_of(axis: Axis) -> str:
     return "even" + (f" but for the {' and the '.join(wider)} cell" if wider else "")
 
 
-def _describe(axis: Axis, unit: str) -> str:
+def _describe(axis: Axis, unit: Unit) -> str:
     first, last = axis.breakpoints[0], axis.breakpoints[-1]
     span = f"{axis.size} breakpoints from {first:.4g} to {last:.4g} {unit}"
     if not axis.even:

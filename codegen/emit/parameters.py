@@ -1,15 +1,15 @@
-"""Parameters and state of the generated controller: values, ranges and meaning, and their C text."""
+"""Parameters and state of the generated controller: values, units, ranges and meaning."""
 
 from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 
 from codegen.configuration import Config
 from codegen.configuration.section import Range, Section
-from codegen.emit.text import Precision, lines_of, literal
+from codegen.units import Unit
 
 RATE_OFF = 1000.0
 """Rate limit in rad/s that never acts on a rear axle, which moves by a few degrees."""
@@ -27,23 +27,43 @@ def lag_of(share: float, period: float) -> float:
 
 @dataclass(frozen=True)
 class Parameter:
-    """One field of a parameter struct in SI units, with its allowed range. An integer is an unsigned count.
+    """One field of a parameter struct.
 
-    A tuple is an array. `points` is the C name of its size, and `increasing` states that its values must increase.
-
-    `key` is the key of `ars.toml` that sets it alone, such as "controller.enable_speed_km_h", and `to_key` returns the value of
-    this key for a value of the parameter. Parameters without such a key follow from the car.
+    Attributes:
+        value: in its unit. An integer is an unsigned count, a tuple an array.
+        unit, meaning: of the value; the meaning has at most twelve words.
+        low, high: allowed range.
+        points: C name of the size of an array, without the prefix of the build.
+        increasing: whether the values of an array must increase.
+        key: key of `ars.toml` that sets it alone, such as "controller.enable_speed_km_h"; "" if it follows from the car.
+        to_key: function that returns the value of this key for a value of the parameter.
     """
 
     name: str
     value: float | int | tuple[float, ...]
-    comment: str
+    unit: Unit
+    meaning: str
     low: float
     high: float
     points: str = ""
     increasing: bool = False
     key: str = ""
     to_key: Callable[[float], float | str] = field(default=float, compare=False)
+
+    @property
+    def is_count(self) -> bool:
+        """Whether it is an unsigned count."""
+        return isinstance(self.value, int)
+
+    @property
+    def kind(self) -> str:
+        """Kind of its C type, as that of a `Field`."""
+        return "uint16_t" if self.is_count else "real"
+
+    @property
+    def values(self) -> tuple[float, ...]:
+        """Its values, one or several."""
+        return self.value if isinstance(self.value, tuple) else (self.value,)
 
 
 @functools.cache
@@ -63,8 +83,10 @@ def table_of(section: type[Section]) -> str:
     return found[0]
 
 
-def configured(section: Section, name: str, key: str, comment: str, scale: float = 1.0, high: float | None = None) -> Parameter:
-    """Return the parameter for a key of `ars.toml`. `scale` converts the unit of the key to SI.
+def configured(
+    section: Section, name: str, key: str, unit: Unit, meaning: str, scale: float = 1.0, high: float | None = None
+) -> Parameter:
+    """Return the parameter for a key of `ars.toml`. `scale` converts the unit of the key to `unit`.
 
     The range is that of the key, up to `high` if given: calibration may widen a check that the ECU makes elsewhere.
     """
@@ -73,7 +95,8 @@ def configured(section: Section, name: str, key: str, comment: str, scale: float
     return Parameter(
         name,
         getattr(section, key) * scale,
-        comment,
+        unit,
+        meaning,
         range_.low * scale,
         highest,
         key=f"{table_of(type(section))}.{key}",
@@ -82,40 +105,19 @@ def configured(section: Section, name: str, key: str, comment: str, scale: float
 
 
 @dataclass(frozen=True)
-class ParameterView:
-    """A parameter as C text."""
-
-    type: str
-    name: str
-    value: str
-    comment: str
-    low: str
-    high: str
-    points: str
-    increasing: bool
-
-    @property
-    def is_count(self) -> bool:
-        """Whether it is an unsigned count."""
-        return self.type == "uint16_t"
-
-    @property
-    def declaration(self) -> str:
-        """Declaration as a field of a struct."""
-        return f"{self.type} {self.name}{f'[{self.points}]' if self.points else ''};"
-
-
-@dataclass(frozen=True)
 class Field:
-    """One field of a state struct. The `kind` "real" is the number type of the build.
+    """One field of a state struct.
 
     Attributes:
+        kind: C type; "real" is the number type of the build.
+        unit, meaning: of the value; the meaning has at most twelve words.
         bound: largest magnitude of a real number after any call, SI units; `verify/` proves it for the state of a law.
     """
 
     kind: str
     name: str
-    comment: str
+    unit: Unit
+    meaning: str
     bound: float = 4096.0
 
 
@@ -133,29 +135,3 @@ def search_strides(points: int) -> tuple[int, ...]:
         strides.append((left + 1) // 2)
         left //= 2
     return tuple(strides)
-
-
-def parameter_view(parameter: Parameter, precision: Precision, real: str) -> ParameterView:
-    """Return the C text of a parameter."""
-    if isinstance(parameter.value, int):
-        value, low, high = (f"{int(number)}u" for number in (parameter.value, parameter.low, parameter.high))
-        return ParameterView("uint16_t", parameter.name, value, parameter.comment, low, high, "", False)
-    low, high = (literal(bound, precision) for bound in (parameter.low, parameter.high))
-    if isinstance(parameter.value, tuple):
-        value = _braced(lines_of([literal(number, precision) for number in parameter.value]))
-    else:
-        value = literal(parameter.value, precision)
-    return ParameterView(real, parameter.name, value, parameter.comment, low, high, parameter.points, parameter.increasing)
-
-
-def parameter_views(parameters: Iterable[Parameter], prefix: str, precision: Precision, real: str) -> tuple[ParameterView, ...]:
-    """Return the C text of all parameters of a struct, with the prefix in the names of array sizes."""
-    views = (parameter_view(parameter, precision, real) for parameter in parameters)
-    return tuple(replace(view, points=view.points.format(PREFIX=prefix.upper())) for view in views)
-
-
-def _braced(lines: tuple[str, ...]) -> str:
-    if len(lines) == 1:
-        return f"{{ {lines[0]} }}"
-    rows = "\n".join(f"        {line}" for line in lines)
-    return f"{{\n{rows}\n    }}"

@@ -17,31 +17,48 @@ import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, pass_context
 from jinja2.runtime import Context
 
-from codegen.emit.text import Precision, comment_text
+from codegen.emit.parameters import Field, Parameter
+from codegen.emit.text import Precision, comment_text, initialiser
 from codegen.emit.text import literal as literal_text
 from codegen.errors import BuildError
+from codegen.units import Unit
+
+C_TYPES = ("bool", "uint8_t", "uint16_t", "uint32_t")
+"""Types of C among those of members."""
 
 
 @pass_context
-def literal(context: Context, value: float, precision: Precision | None = None) -> str:
+def literal(context: Context, value: float | tuple[float, ...], precision: Precision | None = None) -> str:
     """Return a number as a C literal, in the precision of the build unless `precision` names another one.
+
+    A tuple becomes the initialiser of an array.
 
     >>> from codegen.emit.render import environment
     >>> environment().from_string("{{ 0.1 | literal('double') }}").render()
     '0.1'
     """
-    return literal_text(value, context["precision"] if precision is None else precision)
+    own: Precision = context["precision"] if precision is None else precision
+    return initialiser(value, own) if isinstance(value, tuple) else literal_text(value, own)
 
 
 @pass_context
 def c_type(context: Context, kind: str) -> str:
-    """Return the C type of a field: the number type of the build for "real", and any other kind unchanged.
+    """Return the C type of a field: the number type of the build for "real", types of C, and others with the prefix.
 
     >>> from codegen.emit.render import environment
     >>> environment().from_string("{{ 'real' | c_type }} {{ 'bool' | c_type }}").render(real="float")
     'float bool'
     """
-    return str(context["real"]) if kind == "real" else kind
+    if kind == "real":
+        return str(context["real"])
+    return kind if kind in C_TYPES else f"{context['build'].prefix}_{kind}"
+
+
+@pass_context
+def declaration(context: Context, member: Parameter | Field) -> str:
+    """Return the declaration of a member of a struct."""
+    size = f"[{context['build'].PREFIX}_{member.points}]" if isinstance(member, Parameter) and member.points else ""
+    return f"{c_type(context, member.kind)} {member.name}{size};"
 
 
 def hexadecimal(value: int, digits: int = 1) -> str:
@@ -71,19 +88,21 @@ def exact_decimal(value: float) -> str:
     return np.format_float_positional(value, trim="-")
 
 
-def unit(text: str, symbol: str) -> str:
-    """Return a description after its unit, as in the comments of fields. The unit of a ratio is "".
+def unit(text: str, of: Unit) -> str:
+    """Return a description after its unit, as in the comments of fields.
 
-    >>> unit("yaw rate", "rad/s"), unit("friction", "")
+    >>> from codegen.units import NONE, RAD_S
+    >>> unit("yaw rate", RAD_S), unit("friction", NONE)
     ('rad/s, yaw rate', 'friction')
     """
-    return f"{symbol}, {text}" if symbol else text
+    return f"{of}, {text}" if of else text
 
 
 FILTERS: Mapping[str, Callable[..., Any]] = {
     "c_type": c_type,
     "comment": comment_text,
     "decimal": decimal,
+    "declaration": declaration,
     "hexadecimal": hexadecimal,
     "literal": literal,
     "unit": unit,

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from codegen.emit.map_view import AxisView, MapView
+from codegen.units import NONE, Unit
 
 
 def symbols_of(table: MapView, prefix: str, real: str, epk: str) -> dict[str, dict[str, Any]]:
@@ -39,7 +40,7 @@ def _axes(axes: tuple[AxisView, ...], real: str, section: str) -> Iterator[tuple
 
 
 def _symbol(
-    kind: str, shape: tuple[int, ...] = (), unit: str = "", section: str = "calibration", scale: str = ""
+    kind: str, shape: tuple[int, ...] = (), unit: Unit = NONE, section: str = "calibration", scale: float | None = None
 ) -> dict[str, Any]:
-    factor = {"scale": float(scale.rstrip("f"))} if scale else {}
-    return {"type": kind, "shape": list(shape), "unit": unit, "section": section, **factor}
+    factor = {} if scale is None else {"scale": scale}
+    return {"type": kind, "shape": list(shape), "unit": unit.symbol, "section": section, **factor}

@@ -1,11 +1,10 @@
-"""Numbers, words and units as C text."""
+"""Numbers and words as C text."""
 
 from __future__ import annotations
 
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -36,12 +35,14 @@ def numpy_type(precision: Precision) -> type[np.float32] | type[np.float64]:
     return np.float32 if precision == "single" else np.float64
 
 
-def literal(value: float, precision: Precision) -> str:
-    """Return `value`, rounded to the precision, as the shortest C literal that reads back to the same bits.
+def digits(value: float, precision: Precision) -> str:
+    """Return `value`, rounded to the precision, as the shortest decimal number with the same bits; a count as it is.
 
     Raises:
         ValueError: the value is not finite in that precision.
     """
+    if isinstance(value, int):
+        return str(value)
     number: float | np.floating = value
     kind = numpy_type(precision)
     if not isinstance(value, kind):  # the tables are in the precision already
@@ -49,10 +50,20 @@ def literal(value: float, precision: Precision) -> str:
             number = kind(value)
     if not math.isfinite(number):
         raise ValueError(f"{value!r} has no finite {precision}-precision literal")
-    digits = str(number)
-    if "e" in digits and "." not in digits:
-        digits = digits.replace("e", ".0e")
-    return digits + ("f" if precision == "single" else "")
+    text = str(number)
+    return text.replace("e", ".0e") if "e" in text and "." not in text else text
+
+
+def shortest(value: float, precision: Precision) -> float:
+    """Return the number of the fewest digits that has the same bits in the precision."""
+    return float(digits(value, precision))
+
+
+def literal(value: float, precision: Precision) -> str:
+    """Return `value` as a C literal, see `digits`. An `int` is an unsigned count. Raises ValueError: it is not finite."""
+    if isinstance(value, int):
+        return f"{value}u"
+    return digits(value, precision) + ("f" if precision == "single" else "")
 
 
 NUMBERS_PER_LINE = 8
@@ -69,6 +80,15 @@ def lines_of(numbers: Sequence[str], last_comma: bool = False) -> tuple[str, ...
     if not last_comma:
         lines[-1] = lines[-1].rstrip(",")
     return tuple(lines)
+
+
+def initialiser(values: Sequence[float], precision: Precision) -> str:
+    """Return the values of an array in a struct as a C initialiser in braces."""
+    lines = lines_of([literal(value, precision) for value in values])
+    if len(lines) == 1:
+        return f"{{ {lines[0]} }}"
+    rows = "\n".join(f"        {line}" for line in lines)
+    return f"{{\n{rows}\n    }}"
 
 
 def comment_text(text: str) -> str:
@@ -92,43 +112,3 @@ def check_prefix(prefix: str) -> str:
             remedy="use a lower-case letter, then letters, digits and single underscores, at most 31, such as ars",
         )
     return prefix
-
-
-@dataclass(frozen=True)
-class Unit:
-    """A derived SI unit.
-
-    Attributes:
-        conversion: name of the unit as part of an identifier.
-        exponents: exponents of m, kg, s, A, K, mol, cd, in the order of ASAP2's SI_EXPONENTS.
-    """
-
-    symbol: str
-    conversion: str
-    exponents: tuple[int, ...]
-
-
-NONE = Unit("", "no_unit", (0,) * 7)
-UNITS = (
-    Unit("m/s^3", "m_s3", (1, 0, -3, 0, 0, 0, 0)),
-    Unit("m/s^2", "m_s2", (1, 0, -2, 0, 0, 0, 0)),
-    Unit("rad/s", "rad_s", (0, 0, -1, 0, 0, 0, 0)),
-    Unit("m/s", "m_s", (1, 0, -1, 0, 0, 0, 0)),
-    Unit("1/s", "per_s", (0, 0, -1, 0, 0, 0, 0)),
-    Unit("rad", "rad", (0, 0, 0, 0, 0, 0, 0)),
-    Unit("m", "m", (1, 0, 0, 0, 0, 0, 0)),
-    Unit("s", "s", (0, 0, 1, 0, 0, 0, 0)),
-    NONE,
-)
-
-_IN_COMMENT = re.compile(
-    rf"(?P<symbol>{'|'.join(re.escape(unit.symbol) for unit in UNITS if unit.symbol)})(?P<after>[,:]|$| )(?P<rest>.*)"
-)
-
-
-def unit_of_comment(comment: str) -> Unit:
-    """Return the unit at the start of a field's comment; `NONE` for a ratio, such as "rad for each rad"."""
-    found = _IN_COMMENT.match(comment)
-    if found is None or (found["after"] == " " and "for each" in found["rest"]):
-        return NONE
-    return next(unit for unit in UNITS if unit.symbol == found["symbol"])

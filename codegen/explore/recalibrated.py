@@ -6,6 +6,7 @@ copy puts them into writable sections. A test checks that it computes the same b
 
 from __future__ import annotations
 
+import functools
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -20,11 +21,8 @@ from codegen.ecu_map.extend import TotalMap
 from codegen.ecu_map.lookup import Lookup
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.constants import constants_of
-from codegen.emit.controller_view import controller_view
-from codegen.emit.inputs_view import inputs_view
+from codegen.emit.controller_view import parameters_by_path
 from codegen.emit.laws import law_of
-from codegen.emit.limiter_view import limiter_view
-from codegen.emit.parameters import ParameterView
 from codegen.errors import BuildError
 from codegen.map_file.map import ReferenceMap
 from codegen.sil.closed_loop import ClosedLoop, LoopOptions
@@ -53,16 +51,14 @@ class Calibration:
         total: its map over the whole domain of an ECU.
         tables: name in C -> values, in single precision.
         constants: fields of the C struct of constants.
-        parameters: fields of the C struct of parameters; `inputs` and `limiter` contain those of the nested structs.
+        parameters: numbers of the C struct of parameters by their path.
     """
 
     config: Config
     total: TotalMap
     tables: Mapping[str, npt.NDArray[np.float32]]
     constants: Mapping[str, float]
-    parameters: Mapping[str, Any]
-    inputs: Mapping[str, Any]
-    limiter: Mapping[str, Any]
+    parameters: Mapping[str, float | tuple[float, ...]]
 
     @classmethod
     def of(cls, total: TotalMap, config: Config) -> Calibration:
@@ -72,30 +68,13 @@ class Calibration:
         tables = {"yaw_rate_table": lookup.table}
         if law.uses_rear_angle:
             tables["rear_angle_table"] = lookup.rear_tables[lookup.own]
-        view = controller_view(config, total, lookup, PREFIX, "single", "float")
-        inputs = inputs_view(config, PREFIX, "single", "float")
-        limiter = limiter_view(config, PREFIX, "single", "float")
         return cls(
             config,
             total,
             tables,
             {each.name: each.values[0] for each in constants_of(config, total, lookup)},
-            _fields(view.parameters),
-            _fields(inputs.parameters),
-            _fields(limiter.parameters),
+            {path: each.value for path, each in parameters_by_path(config).items()},
         )
-
-
-def _fields(views: tuple[ParameterView, ...]) -> dict[str, Any]:
-    return {view.name: _value(view.value) for view in views}
-
-
-def _value(text: str) -> float | int | list[float]:
-    """Parse a C initialiser. Parameter values come only from the view's own text."""
-    if text.endswith("u"):
-        return int(text.removesuffix("u"))
-    numbers = [float(part.strip().removesuffix("f")) for part in text.strip("{} \n").split(",")]
-    return numbers if text.startswith("{") else numbers[0]
 
 
 class Recalibrated:
@@ -139,11 +118,11 @@ class Recalibrated:
             buffer = ffi.buffer(ffi.addressof(table), ffi.sizeof(table))
             np.frombuffer(buffer, dtype=np.float32)[:] = values.ravel()
         parameters = self._software.parameters()
-        structs = (lib.writable_constants(), parameters, parameters.inputs, parameters.limiter)
-        given = (calibration.constants, calibration.parameters, calibration.inputs, calibration.limiter)
-        for struct, fields in zip(structs, given, strict=True):
-            for name, value in fields.items():
-                setattr(struct, name, value)
+        for name, constant in calibration.constants.items():
+            setattr(lib.writable_constants(), name, constant)
+        for path, value in calibration.parameters.items():
+            *structs, name = path.split(".")
+            setattr(functools.reduce(getattr, structs, parameters), name, value)
         if not (lib.ars_map_valid() and lib.ars_parameters_valid(parameters)):
             raise BuildError("the generated code rejects these settings", remedy="undo the last change")
         return parameters

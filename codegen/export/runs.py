@@ -58,7 +58,7 @@ COLUMNS = (
     Column("rear_angle_rad", "rad", "Steer angle of the rear road wheels that the actuator has reached"),
     Column("slip_front_rad", "rad", "Slip angle at the middle of the front axle"),
     Column("slip_rear_rad", "rad", "Slip angle at the middle of the rear axle"),
-    *(Column(each.variable, each.unit, each.meaning.capitalize()) for each in RECORDED),
+    *(Column(each.variable, each.unit.symbol, each.meaning.capitalize()) for each in RECORDED),
     Column("status", "", "What the step of the controller did"),
 )
 """RECORD_COLUMNS with their units and meanings. Signs follow ISO 8855."""

@@ -20,7 +20,6 @@ from codegen.emit.controller_view import controller_parameters
 from codegen.emit.inputs_view import inputs_parameters
 from codegen.emit.limiter_view import limiter_parameters
 from codegen.emit.manifest import read_build
-from codegen.emit.text import unit_of_comment
 
 COLUMNS = ("struct", "name", "value", "low", "high", "unit")
 
@@ -40,7 +39,7 @@ def parameter_table(build: Path) -> str:
         for each in parameters_of(config):
             values = each.value if isinstance(each.value, tuple) else (each.value,)
             text = " ".join(repr(value) for value in values)
-            writer.writerow((struct, each.name, text, each.low, each.high, unit_of_comment(each.comment).symbol))
+            writer.writerow((struct, each.name, text, each.low, each.high, each.unit))
     return table.getvalue()
 '''
 

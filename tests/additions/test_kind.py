@@ -38,8 +38,8 @@ LAW_C = """/* Control law "share": a share of the front angle, smoothed, at the 
 LAW = """        Law(
             kind="share",
             title="a share of the front angle",
-            parameters=lambda config: (Parameter("front_share", 0.2, "of the front angle", 0.0, 0.5),),
-            state=(Field("real", "smoothed", "rad, of rear angle", 2.0),),
+            parameters=lambda config: (Parameter("front_share", 0.2, NONE, "share of the front angle", 0.0, 0.5),),
+            state=(Field("real", "smoothed", RAD, "smoothed rear angle", 2.0),),
         ),
 """
 SECOND = """class SecondShare(SecondController):

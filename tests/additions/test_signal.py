@@ -11,7 +11,7 @@ SIGNAL = """    lateral_speed: Annotated[
             start_bit=40,
             length=8,
             factor=0.1,
-            unit="m/s",
+            unit=M_S,
             meaning="lateral speed of the centre of gravity, positive to the left",
             source="state.lateral_speed",
         ),
@@ -100,7 +100,7 @@ assert controller.state.sample.lateral_speed == 0.5 and controller.state.sample.
 for name in ("lateral_speed", "reverse_gear"):
     assert f"ars.received.{name}" in files["ars.a2l"]
 controls = {each.name: each for each in variables_of("controller", software.config)}
-assert controls["lateral_speed_m_s"].unit == "m/s" and "lateral_speed_available" in controls
+assert controls["lateral_speed_m_s"].unit.symbol == "m/s" and "lateral_speed_available" in controls
 assert controls["reverse_gear"].kind == "boolean"
 assert "lateral_speed_m_s" in {each.name for each in variables_of("loop", software.config) if each.role == "output"}
 

@@ -7,13 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from codegen.configuration import Config
+from codegen.configuration import Config, Kind
+from codegen.emit.controller_view import ControllerView, parameters_by_path
 from codegen.emit.folder import Folder
 from codegen.emit.laws import LAWS, law_of, schedule_of
 from codegen.emit.text import Precision
 from codegen.errors import BuildError
 from codegen.optimum.solve import solve_case
 from codegen.sil.toolchain import compiler_command
+from codegen.units import UNITS
 from tests import builds
 from tests.emit.rendered import laid_out
 from tests.optimum.cars import PAPER, changed
@@ -119,3 +121,13 @@ def test_a_controller_that_would_reject_the_map_as_a_fault_is_refused(controller
     config = changed(PAPER, grid={"speed_max_km_h": 90.0}, controller=controller)
     with pytest.raises(BuildError, match=words):
         builds.render(solve_case(config, "4ws-2"), config)
+
+
+@pytest.mark.parametrize("kind", LAWS)
+def test_every_meaning_is_short_and_has_no_unit(kind: Kind) -> None:
+    config = builds.CONFIGS[kind]
+    view = ControllerView(config, ())
+    members = [*parameters_by_path(config).values(), *view.state, *view.law_state, *view.grip_state]
+    for each in members:
+        assert 0 < len(each.meaning.split()) <= 12, each.meaning
+        assert not any(each.meaning.startswith((f"{unit},", f"{unit} ")) for unit in UNITS if unit), each.meaning

@@ -254,14 +254,14 @@ DAMAGES: dict[str, tuple[str, str, str, str]] = {
     ),
     "unit": (
         ".dcm",
-        'whole from twice it on"\n   EINHEIT_W "m/s"',
-        'whole from twice it on"\n   EINHEIT_W "km/h"',
+        'full from twice it"\n   EINHEIT_W "m/s"',
+        'full from twice it"\n   EINHEIT_W "km/h"',
         "in km/h in the file, in m/s in the",
     ),
     "unit of an axis": (
         ".dcm",
-        'integrated error"\n   EINHEIT_X "m/s"',
-        'integrated error"\n   EINHEIT_X "km/h"',
+        'yaw-rate error"\n   EINHEIT_X "m/s"',
+        'yaw-rate error"\n   EINHEIT_X "km/h"',
         "breakpoints of ars.parameters.schedule_speed in km/h in the file, in m/s in the build",
     ),
     "size": (".dcm", f"KENNLINIE {GAIN} {POINTS}", f"KENNLINIE {GAIN} 2", f"size 2 in the file, {POINTS} in the build"),

@@ -10,9 +10,8 @@ from dataclasses import replace
 from typing import Any
 
 from codegen.configuration import Config
-from codegen.ecu_map.lookup import Lookup
-from codegen.emit.controller_view import controller_view
-from codegen.emit.inputs_view import inputs_view
+from codegen.emit.controller_view import controller_parameters
+from codegen.emit.inputs_view import inputs_parameters
 from codegen.emit.limiter_view import opposite_phase_speeds_km_h
 from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
@@ -184,17 +183,16 @@ def is_valid(built: Built, **changes: Any) -> bool:
 def check_ranges(built: Built) -> None:
     """Check that every parameter is accepted up to the ends of its range and rejected beyond, array elements one by one."""
     software, real = built.software, built.real
-    lookup = Lookup.from_map(built.total)
-    view = controller_view(config_of(built), built.total, lookup, software.prefix, software.precision, "float")
-    of_inputs = inputs_view(config_of(built), software.prefix, software.precision, "float").ranged
+    tables = (controller_parameters(config_of(built)), inputs_parameters(config_of(built)))
+    of_controller, of_inputs = ([each for each in table if not each.is_count] for table in tables)
     assert is_valid(built)
-    for struct, views in (("parameters", (*view.ranged, *view.ranged_arrays)), ("inputs_parameters", of_inputs)):
+    for struct, listed in (("parameters", of_controller), ("inputs_parameters", of_inputs)):
         fields = dict(software.ffi.typeof(f"{software.prefix}_{struct}_t").fields)
         numbers = {name for name, field in fields.items() if field.type.cname.startswith(("float", "double"))}
-        assert numbers == {parameter.name for parameter in views}, "every number has a range"
+        assert numbers == {parameter.name for parameter in listed}, "every number has a range"
     named = [replace(parameter, name=f"inputs.{parameter.name}") for parameter in of_inputs]
-    for parameter in (*view.ranged, *view.ranged_arrays, *named):
-        low, high = (float(real(text.rstrip("f"))) for text in (parameter.low, parameter.high))
+    for parameter in (*of_controller, *named):
+        low, high = (float(real(bound)) for bound in (parameter.low, parameter.high))
         defaults = software.parameters()  # owns its arrays
         given = functools.reduce(getattr, parameter.name.split("."), defaults)
         good: Any = given if isinstance(given, float) else list(given)

@@ -88,7 +88,7 @@ class ChainUnits(Conditions):
             f"({low} <= input.demand) && (input.demand <= {high})" for low, high in ((low, high), (slower, faster))
         )
         demanded = f"{known} || !({free} && {self.within('input.demand', largest)}) || (result == input.demand)"
-        yield Claim("it is the demand where all bounds let that through", demanded)
+        yield Claim("the result equals the demand if all bounds allow it", demanded)
 
     def _limited(self) -> Iterator[Claim]:
         before, zero = "self_before->rear_angle", self.number(0.0)

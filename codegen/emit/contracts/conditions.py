@@ -72,7 +72,7 @@ class Conditions:
 
     def high(self, name: str) -> str:
         """Return the upper bound of a parameter of the inputs."""
-        return next(view.high for view in self.inputs.parameters if view.name == name)
+        return self.number(next(each.high for each in self.inputs.parameters if each.name == name))
 
     def is_code(self, expression: str, last: int) -> str:
         """Return the condition that an enumerator is one of the first ones up to `last`."""
@@ -92,7 +92,7 @@ class Conditions:
 
     def step(self, rate: str) -> str:
         """Return the largest change in a sample at a rate."""
-        return f"({rate} * {self.controller.sampling_time})"
+        return f"({rate} * {self.number(self.controller.sampling_time)})"
 
     def validity(self, unit: str, parameters: str, *more_claims: Claim, **more: Any) -> Unit:
         """Return the contract of a function that checks parameters."""
@@ -118,7 +118,7 @@ class Conditions:
 
     def held_by_actuator(self, angle: str) -> str:
         """Return the angle that the actuator holds: within its range, and zero for NaN."""
-        return f"held_within({angle}, {self.controller.actuator_angle_max})"
+        return f"held_within({angle}, {self.number(self.controller.actuator_angle_max)})"
 
     def lower_step(self) -> str:
         """Return the largest change in a sample at the lower rate of law and limiter."""
@@ -158,7 +158,7 @@ class Conditions:
     @property
     def takes_acceleration(self) -> bool:
         """Return whether the build has the signal of the longitudinal acceleration."""
-        return any(view.name == "longitudinal_acceleration_max" for view in self.inputs.parameters)
+        return any(each.name == "longitudinal_acceleration_max" for each in self.inputs.parameters)
 
     def signals_in_range(self, frame: Frame, signals: str) -> Iterator[Claim]:
         """Yield the ranges of unpacked signals, one step wider for the rounding."""
@@ -175,7 +175,7 @@ class Conditions:
         return not (view.is_raw or view.stacked or view.grip)
 
     def map_holds(self) -> tuple[Claim, ...]:
-        """Return the claims of a valid map: what holds for the breakpoint and the cell that the proof reads holds for any."""
+        """Return the claims of a valid map. A proof reads one breakpoint and one cell, with any index, so they hold for all."""
         axes = f"{self.map.speed.breakpoints}_hold(any_row) && {self.map.front_angle.breakpoints}_hold(any_column)"
         cell = f"{self.own('map_cell_holds')}(any_row, any_column)"
         return (

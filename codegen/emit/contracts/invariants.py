@@ -16,7 +16,7 @@ from codegen.emit.contracts.conditions import (
 from codegen.emit.contracts.contract import Invariant
 from codegen.emit.controller_view import TASK_SAMPLES_MAX
 from codegen.emit.inputs_view import FRICTION_UNKNOWN
-from codegen.emit.parameters import ParameterView
+from codegen.emit.parameters import Parameter
 from codegen.emit.supervision import STATES, Cause, State
 
 TASK_COUNT_MAX = 80
@@ -75,19 +75,20 @@ class Invariants(Conditions):
                 yield f"(value->{name} <= {self.counter_max}u)"
             yield f"(value->sync_counter <= {self.can.sync_counter_init}u)"
 
-    def _parameters(self, ctype: str, views: Iterable[ParameterView], relations: Iterable[str]) -> Invariant:
+    def _parameters(self, ctype: str, parameters: Iterable[Parameter], relations: Iterable[str]) -> Invariant:
         """Ranges of the parameters, and the relations between them that proofs use."""
         single, arrays = [], defaultdict(list)
-        for view in views:
-            if view.points:
-                arrays[view.points].append(f"lies_between(value->{view.name}[k], {view.low}, {view.high})")
-                if view.increasing:
-                    arrays[view.points].append(f"((k == 0u) || (value->{view.name}[k - 1u] < value->{view.name}[k]))")
-            elif view.is_count:
-                low = [f"(value->{view.name} >= {view.low})"] if view.low != "0u" else []
-                single += [*low, f"(value->{view.name} <= {view.high})"]
+        for each in parameters:
+            low, high, name = self.number(each.low), self.number(each.high), f"value->{each.name}"
+            if each.points:
+                size = f"{self.upper}_{each.points}"
+                arrays[size].append(f"lies_between({name}[k], {low}, {high})")
+                if each.increasing:
+                    arrays[size].append(f"((k == 0u) || ({name}[k - 1u] < {name}[k]))")
+            elif each.is_count:
+                single += [*([f"({name} >= {low})"] if each.low else []), f"({name} <= {high})"]
             else:
-                single.append(f"lies_between(value->{view.name}, {view.low}, {view.high})")
+                single.append(f"lies_between({name}, {low}, {high})")
         if ctype == "limiter_parameters_t":
             arrays[f"{self.upper}_LIMITER_POINTS"].append("(value->opposite_phase_max[k] <= value->rear_angle_max)")
         return Invariant(self.own(ctype), (*single, *relations), tuple((name, tuple(each)) for name, each in arrays.items()))
@@ -142,8 +143,8 @@ class Invariants(Conditions):
 
     def _grip(self) -> tuple[str, ...]:
         constants = {each.name: each.values[0] for each in self.constants}
-        friction_min = next(view.low for view in self.controller.parameters if view.name == "friction_min")
-        least = 0.5 * float(friction_min.rstrip("f")) / constants["friction_per_grip"]
+        friction_min = next(each.low for each in self.controller.parameters if each.name == "friction_min")
+        least = 0.5 * friction_min / constants["friction_per_grip"]
         available = self.between("value->available", least, constants["grip_max"])
         return self.between("value->reached", 0.0, LATERAL_ACCELERATION_MAX_M_S2), available
 

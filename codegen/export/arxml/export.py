@@ -20,7 +20,7 @@ from codegen.emit.manifest import read_build
 from codegen.emit.map_view import magnitude_bits
 from codegen.emit.render import decimal, render
 from codegen.emit.take_over import TakeOver
-from codegen.emit.text import NONE, UNITS, c_type, comment_text, literal, numpy_type
+from codegen.emit.text import c_type, comment_text, literal, numpy_type
 from codegen.errors import BuildError
 from codegen.export.arxml.constraints import check_names, check_transformer
 from codegen.export.arxml.view import (
@@ -32,7 +32,7 @@ from codegen.export.arxml.view import (
     parameter_views,
 )
 from codegen.sil.software import require_can_side
-from codegen.units import KM_H
+from codegen.units import KM_H, NONE, in_order
 
 Protection = Literal["transformer", "task"]
 """Protection of the frames: the E2E transformer of the RTE, or the task of the build on raw frames."""
@@ -197,7 +197,7 @@ def _context(manifest: Mapping[str, Any], config: Config, protection: Protection
         "tables": tables,
         "arrays": _arrays(calibrated),
         "layouts": _layouts(calibrated),
-        "units": tuple(unit for unit in UNITS if unit in used),
+        "units": in_order(used),
         "event_status": EVENT_STATUS,
         "events": tuple(event_view(cause, period) for cause in (*can.diagnostics, REJECTED)),
         "nodes": NODES,

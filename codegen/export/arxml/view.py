@@ -21,11 +21,11 @@ from codegen.emit.can_view import Cause, Frame, FrameSignal, HeaderField
 from codegen.emit.controller_view import parameters_by_path
 from codegen.emit.map_view import FRONT_ANGLE_TOP, SPEED_TOP, TABLE_RANGES
 from codegen.emit.render import exact_decimal
-from codegen.emit.text import KEYWORDS, NONE, UNITS, Precision, Unit, literal, unit_of_comment
+from codegen.emit.text import KEYWORDS, Precision, digits
 from codegen.errors import BuildError
 from codegen.map_file.tables import ACCELERATION, FRICTION
+from codegen.units import NONE, Unit, unit_of
 
-UNIT_BY_SYMBOL = {unit.symbol: unit for unit in UNITS}
 NOT_AVAILABLE = "not available"
 
 RESERVED_WORDS = KEYWORDS | {"asm", "false", "true", "E_NOT_OK", "E_OK", "FALSE", "NULL", "TRUE"}
@@ -232,7 +232,7 @@ def _signal(message: Message, signal: FrameSignal, name: str) -> SignalView:
             *place,
             _platform_type(layout.length, layout.signed),
             (Scale(layout.raw_low, layout.raw_high), Scale(missing, missing, NOT_AVAILABLE, f"{name}_NotAvailable")),
-            UNIT_BY_SYMBOL[definition.unit],
+            definition.unit,
             exact_decimal(layout.factor),
             exact_decimal(layout.offset),
             signal.start_code,
@@ -253,21 +253,20 @@ def parameter_views(config: Config, precision: Precision) -> tuple[CalibrationVi
     parameters, axis_of, found = parameters_by_path(config), dict[str, str](), list[CalibrationView]()
     for path, each in parameters.items():
         name = path.replace(".", "_")
-        values = each.value if isinstance(each.value, tuple) else (each.value,)
         if each.increasing:
             axis_of[each.points] = name
-        is_count, is_bounded = isinstance(each.value, int), path in (f"limiter.{bounded}" for bounded in OF_THE_ANGLE)
+        is_bounded = path in (f"limiter.{bounded}" for bounded in OF_THE_ANGLE)
         view = CalibrationView(
             name=name,
             member=path,
-            text=each.comment,
+            text=each.meaning,
             category="COM_AXIS" if each.increasing else "CURVE" if each.points else "VALUE",
-            type="uint16" if is_count else real_type(precision),
-            shape=(len(values),) if each.points else (),
-            unit=NONE if is_count else unit_of_comment(each.comment),
-            low=_number(each.low, is_count, precision),
-            high=_number((parameters["rear_angle_max"] if is_bounded else each).high, is_count, precision),
-            initial=tuple(_number(value, is_count, precision) for value in values),
+            type="uint16" if each.is_count else real_type(precision),
+            shape=(len(each.values),) if each.points else (),
+            unit=each.unit,
+            low=digits(each.low, precision),
+            high=digits((parameters["rear_angle_max"] if is_bounded else each).high, precision),
+            initial=tuple(digits(value, precision) for value in each.values),
             axes=(axis_of[each.points],) if each.points and not each.increasing else (),
         )
         found.append(view)
@@ -277,10 +276,6 @@ def parameter_views(config: Config, precision: Precision) -> tuple[CalibrationVi
 def real_type(precision: Precision) -> str:
     """Return the platform type of a real number."""
     return "float32" if precision == "single" else "float64"
-
-
-def _number(value: float, is_count: bool, precision: Precision) -> str:
-    return str(int(value)) if is_count else literal(value, precision).rstrip("f")
 
 
 def map_views(manifest: Mapping[str, Any], prefix: str, precision: Precision) -> tuple[CalibrationView, ...]:
@@ -300,11 +295,11 @@ def map_views(manifest: Mapping[str, Any], prefix: str, precision: Precision) ->
     found = []
     for (quantity, name), top in zip(axes.items(), (FRONT_ANGLE_TOP, SPEED_TOP), strict=True):
         text = f"breakpoints of the map: {quantity.replace('_', ' ')}"
-        found.append(_axis(name, text, symbols[name], "0.0", _number(top, False, precision), precision))
+        found.append(_axis(name, text, symbols[name], "0.0", digits(top, precision), precision))
     for name, quantity in tables.items():
         symbol = symbols[name]
-        factor = _number(symbol["scale"], False, precision) if "scale" in symbol else ""
-        reach = RAW_MAX * float(factor) if factor else float("inf")
+        factor = digits(symbol["scale"], precision) if "scale" in symbol else ""
+        reach = RAW_MAX * symbol["scale"] if factor else float("inf")
         low, high = (max(min(bound, reach), -reach) for bound in TABLE_RANGES[quantity])
         shape = tuple(symbol["shape"])
         layers = shape[0] if len(shape) == 3 else 0
@@ -320,9 +315,9 @@ def map_views(manifest: Mapping[str, Any], prefix: str, precision: Precision) ->
                 category="CUBOID" if layers else "MAP",
                 type="sint16" if factor else real_type(precision),
                 shape=shape,
-                unit=UNIT_BY_SYMBOL.get(symbol["unit"], NONE),
-                low=_number(low, False, precision),
-                high=_number(high, False, precision),
+                unit=unit_of(symbol["unit"]),
+                low=digits(low, precision),
+                high=digits(high, precision),
                 axes=tuple(axes.values()),
                 fixed_points=layers,
                 factor=factor,
@@ -332,7 +327,7 @@ def map_views(manifest: Mapping[str, Any], prefix: str, precision: Precision) ->
 
 
 def _axis(name: str, text: str, symbol: Mapping[str, Any], low: str, high: str, precision: Precision) -> CalibrationView:
-    shape, unit = tuple(symbol["shape"]), UNIT_BY_SYMBOL.get(symbol["unit"], NONE)
+    shape, unit = tuple(symbol["shape"]), unit_of(symbol["unit"])
     return CalibrationView(name, name, text, "COM_AXIS", real_type(precision), shape, unit, low, high)
 
 

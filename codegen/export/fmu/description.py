@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 from codegen.configuration.signals import STATUSES
 from codegen.export.fmu.layers import BUFFER_BYTES, MIME_TYPE, text
-from codegen.export.fmu.variables import UNITS, Variable, Version
+from codegen.export.fmu.variables import Variable, Version
+from codegen.units import in_order
 
 STATUS_TYPE = "Status"
 STOP_TIME = 10.0
@@ -114,13 +115,11 @@ def _boolean(value: bool) -> str:
 
 def _units(root: ET.Element, variables: Sequence[Variable]) -> None:
     definitions = ET.SubElement(root, "UnitDefinitions")
-    used = {each.unit for each in variables}
-    for name, unit in UNITS.items():
-        if name in used:
-            element = ET.SubElement(definitions, "Unit", {"name": name})
-            ET.SubElement(element, "BaseUnit", {base: str(exponent) for base, exponent in unit.exponents.items()})
-            if unit.shown is not None:
-                ET.SubElement(element, "DisplayUnit", {"name": unit.shown[0], "factor": repr(unit.shown[1])})
+    for unit in in_order(each.unit for each in variables if each.unit):
+        element = ET.SubElement(definitions, "Unit", {"name": unit.fmi_name})
+        ET.SubElement(element, "BaseUnit", {base: str(exponent) for base, exponent in unit.exponents.items()})
+        if unit.shown is not None:
+            ET.SubElement(element, "DisplayUnit", {"name": unit.shown[0], "factor": repr(unit.shown[1])})
 
 
 def _status_type(root: ET.Element, third: bool) -> None:
@@ -150,10 +149,9 @@ def _of_type(variable: Variable) -> Attributes:
     if variable.kind == "status":
         found["declaredType"] = STATUS_TYPE
     if variable.unit:
-        found["unit"] = variable.unit
-        shown = UNITS[variable.unit].shown
-        if shown is not None:
-            found["displayUnit"] = shown[0]
+        found["unit"] = variable.unit.fmi_name
+        if variable.unit.shown is not None:
+            found["displayUnit"] = variable.unit.shown[0]
     if variable.low is not None and variable.high is not None:
         found["min"], found["max"] = _number(variable, variable.low), _number(variable, variable.high)
     if variable.start is not None:

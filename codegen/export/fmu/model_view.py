@@ -63,7 +63,7 @@ def _model(what: What, config: Config, prefix: str, variables: Sequence[Variable
     }
 
     def members(role: Role) -> list[tuple[str, str]]:
-        return [(f"{each.storage} {each.member}", each.unit) for each in named if each.role == role]
+        return [(f"{each.storage} {each.member}", each.unit.symbol) for each in named if each.role == role]
 
     groups = {
         "inputs": members("input"),

@@ -6,8 +6,7 @@ come from the compiled build, their descriptions and ranges from the table of pa
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import getitem
@@ -18,46 +17,11 @@ import numpy as np
 from codegen.configuration import Config
 from codegen.configuration.signals import RECORDED
 from codegen.emit.controller_view import parameters_by_path
-from codegen.emit.text import unit_of_comment
+from codegen.emit.text import shortest
 from codegen.export.fmu.layers import CHANNEL, NOTIFICATIONS
 from codegen.sil.software import COUNTERS, Software
+from codegen.units import NONE, RAD, S, Unit, unit_of_name
 from codegen.vehicle.dynamics import two_track
-
-DEGREES = math.degrees(1.0)
-
-
-@dataclass(frozen=True)
-class Unit:
-    """A unit of FMI.
-
-    Attributes:
-        exponents: exponents of SI base units and rad.
-        shown: display unit and its number per unit; None: no other display unit.
-    """
-
-    exponents: Mapping[str, int]
-    shown: tuple[str, float] | None = None
-
-
-UNITS: Mapping[str, Unit] = {
-    "m": Unit({"m": 1}),
-    "m/s": Unit({"m": 1, "s": -1}, ("km/h", 3.6)),
-    "m/s2": Unit({"m": 1, "s": -2}),
-    "m/s3": Unit({"m": 1, "s": -3}),
-    "rad": Unit({"rad": 1}, ("deg", DEGREES)),
-    "rad/s": Unit({"rad": 1, "s": -1}, ("deg/s", DEGREES)),
-    "s": Unit({"s": 1}),
-    "1/s": Unit({"s": -1}),
-    "N.m": Unit({"kg": 1, "m": 2, "s": -2}),
-}
-
-_ENDINGS = {"_m_s2": "m/s2", "_rad_s": "rad/s", "_m_s": "m/s", "_n_m": "N.m", "_rad": "rad", "_s": "s"}
-
-
-def unit_of_name(name: str) -> str:
-    """Return the unit in the suffix of a name, such as "m/s" for speed_m_s; "" if there is none."""
-    return next((unit for ending, unit in _ENDINGS.items() if name.endswith(ending)), "")
-
 
 Version = Literal["2", "3"]
 What = Literal["controller", "plant", "loop", "ecu", "bus_plant"]
@@ -97,7 +61,7 @@ class Variable:
     role: Role
     description: str
     storage: str = "double"
-    unit: str = ""
+    unit: Unit = NONE
     start: float | None = None
     low: float | None = None
     high: float | None = None
@@ -108,7 +72,7 @@ class Variable:
     shift: float = 0.0
 
 
-TIME = Variable("time_s", "", "real", "time", "time", unit="s", continuous=True)
+TIME = Variable("time_s", "", "real", "time", "time", unit=S, continuous=True)
 
 _FRONT = "front wheels, at the road; positive to the left"
 _REAR = "rear wheels; positive to the left"
@@ -304,7 +268,7 @@ def _task_times(config: Config) -> tuple[Variable, ...]:
     clocked = f"the task runs at the ticks of {TASK_CLOCK}; otherwise by the clock of the ECU, first at task_offset_s"
     ticks = "runs the task if task_is_clocked; otherwise without effect"
     return (
-        Variable("task_offset_s", "task_offset", "real", "fixed", about, unit="s", start=start, low=low, high=period),
+        Variable("task_offset_s", "task_offset", "real", "fixed", about, unit=S, start=start, low=low, high=period),
         Variable("task_is_clocked", "task_is_clocked", "boolean", "fixed", clocked, "bool", start=0.0),
         Variable(TASK_CLOCK, "", "clock", "input", ticks, "elsewhere", interval=period, shift=start),
     )
@@ -340,7 +304,7 @@ def _initial(config: Config) -> Variable:
         "real",
         "fixed",
         f"angle of the {_REAR}, that the controller starts from",
-        unit="rad",
+        unit=RAD,
         start=0.0,
         low=-bound,
         high=bound,
@@ -359,21 +323,18 @@ def parameter_variables(software: Software) -> tuple[Variable, ...]:
     the tool knows has neither description nor range.
     """
 
-    def decimal(value: float) -> float:
-        return float(str(software.real(value)))  # the shortest decimal that is equal in the build's precision
-
-    known, found = parameters_by_path(software.config), []
+    known, found, precision = parameters_by_path(software.config), [], software.precision
     struct = software.ffi.typeof(f"{software.prefix}_parameters_t")
     for path, index, kind, value in _numbers(struct, software.function("parameters_default")):
         each, number = known.get(path), f"[{','.join(str(k + 1) for k in index)}]" if index else ""
-        comment = each.comment if each else ""
+        meaning, unit = (each.meaning, each.unit) if each else ("", NONE)
         name, member = f"{GROUP}.{path}{number}", f"{GROUP}.{path}{''.join(f'[{k}]' for k in index)}"
         if kind.cname in ("float", "double"):
-            unit = unit_of_comment(comment).symbol.replace("^", "")  # as FMI writes exponents
-            low, high = (decimal(each.low), decimal(each.high)) if each else (None, None)
-            found.append(Variable(name, member, "real", "tunable", comment, kind.cname, unit, decimal(value), low, high))
+            low, high = (shortest(each.low, precision), shortest(each.high, precision)) if each else (None, None)
+            start = shortest(value, precision)
+            found.append(Variable(name, member, "real", "tunable", meaning, kind.cname, unit, start, low, high))
         elif kind.cname == "uint16_t":
-            found.append(Variable(name, member, "integer", "tunable", comment, kind.cname, "", float(value), 0.0, _COUNTS))
+            found.append(Variable(name, member, "integer", "tunable", meaning, kind.cname, NONE, float(value), 0.0, _COUNTS))
     return tuple(found)
 
 

@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0x36EF2FDAu
+#define ARS_CAN_BUILD 0xBEA04D43u
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

@@ -14,12 +14,12 @@
 extern "C" {
 #endif
 
-#define ARS_CONSTANTS_BUILD 0x36EF2FDAu
+#define ARS_CONSTANTS_BUILD 0xBEA04D43u
 
 typedef struct {
-    float lateral_acceleration_cap; /* m/s^2, largest steady one that the constraints allow */
-    float lateral_acceleration_cap_per_friction; /* m/s^2, for a friction of 1, on slippery roads */
-    float map_friction; /* friction of the road that the map assumes */
+    float lateral_acceleration_cap; /* m/s^2, largest steady lateral acceleration that the constraints allow */
+    float lateral_acceleration_cap_per_friction; /* m/s^2, largest lateral acceleration per friction, on slippery roads */
+    float map_friction; /* road friction that the map assumes */
 } ars_constants_t;
 
 extern const ars_constants_t ars_constants;

@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0x36EF2FDAu
+#define ARS_INPUTS_BUILD 0xBEA04D43u
 
 /* Measurements of one sample. A value that is not available is NaN. */
 typedef struct {
@@ -42,30 +42,30 @@ typedef struct {
 
 /* Calibration parameters. Call ars_inputs_parameters_valid() after each change. */
 typedef struct {
-    float speed_max;                    /* m/s, range */
-    float front_angle_max;              /* rad, range */
-    float yaw_rate_max;                 /* rad/s, range */
-    float rear_angle_max;               /* rad, range */
-    float friction_max;                 /* range */
-    float speed_step;                   /* m/s, largest change in a sample */
-    float front_angle_step;             /* rad, largest change in a sample */
-    float yaw_rate_step;                /* rad/s, largest change in a sample */
-    float wheelbase;                    /* m, linear car */
-    float understeer_coefficient;       /* s^2/m, linear car */
-    float expected_share;               /* weight of the steady yaw rate in the low-pass filter of the expected one */
-    float yaw_rate_tolerance;           /* rad/s, by which a yaw rate may exceed the limit of every road */
-    float lateral_acceleration_max;     /* m/s^2, range, and bound for any road */
-    float yaw_rate_frozen;              /* rad/s, more deviation from the expected yaw rate, at which a signal that is constant to the bit counts as frozen */
-    float speed_agreement;              /* m/s, added to a quarter of the replacement: a rejected speed within this distance is accepted again */
-    float yaw_rate_agreement;           /* rad/s, the same for a front angle or yaw rate, in a turn of at least twice as much */
-    float straight_yaw_rate;            /* rad/s, largest yaw rate by the front wheels that counts as straight */
-    float yaw_rate_offset_max;          /* rad/s, largest offset that is learned */
-    float lateral_acceleration_offset_max;/* m/s^2, the same of the lateral acceleration */
-    float yaw_rate_correction_share;    /* share of an offset, of a correction of the yaw rate, or of a wrong speed that is removed in a sample */
-    float speed_fall;                   /* m/s, decrease of a lost speed in a sample */
-    float friction_recovery;            /* increase of a lost estimate in a sample */
-    uint16_t missing_samples_max;       /* missing samples, less good ones, before a signal is replaced */
-    uint16_t recovery_samples;          /* good samples, less missing ones, until it is used again */
+    float speed_max;                    /* m/s, largest valid speed */
+    float front_angle_max;              /* rad, largest valid front angle */
+    float yaw_rate_max;                 /* rad/s, largest valid yaw rate */
+    float rear_angle_max;               /* rad, largest valid rear angle */
+    float friction_max;                 /* largest valid friction estimate */
+    float speed_step;                   /* m/s, largest valid change of the speed per sample */
+    float front_angle_step;             /* rad, largest valid change of the front angle per sample */
+    float yaw_rate_step;                /* rad/s, largest valid change of the yaw rate per sample */
+    float wheelbase;                    /* m, wheelbase of the linear car */
+    float understeer_coefficient;       /* s^2/m, understeer coefficient of the linear car */
+    float expected_share;               /* weight of the steady yaw rate in the expected yaw rate's filter */
+    float yaw_rate_tolerance;           /* rad/s, allowed excess of the yaw rate over the road's limit */
+    float lateral_acceleration_max;     /* m/s^2, largest valid lateral acceleration, and the limit of every road */
+    float yaw_rate_frozen;              /* rad/s, yaw-rate deviation at which an unchanged signal counts as frozen */
+    float speed_agreement;              /* m/s, rejected speed is accepted within this plus a quarter of its substitute */
+    float yaw_rate_agreement;           /* rad/s, yaw-rate deviation in a turn that counts as agreement */
+    float straight_yaw_rate;            /* rad/s, largest yaw rate from the front wheels on a straight */
+    float yaw_rate_offset_max;          /* rad/s, largest learned offset of the yaw rate */
+    float lateral_acceleration_offset_max;/* m/s^2, largest learned offset of the lateral acceleration */
+    float yaw_rate_correction_share;    /* share of an offset or deviation that one sample corrects */
+    float speed_fall;                   /* m/s, decrease of a lost speed per sample */
+    float friction_recovery;            /* increase of a lost friction estimate per sample */
+    uint16_t missing_samples_max;       /* missing samples minus twice the good ones until a signal is replaced */
+    uint16_t recovery_samples;          /* good samples minus missing ones until a signal is used again */
 } ars_inputs_parameters_t;
 
 /* Source of the value of a signal. */

@@ -17,10 +17,10 @@
 #include "ars_inputs.h"
 #include "ars_parameters.h"
 
-#if ARS_INPUTS_BUILD != 0x36EF2FDAu
+#if ARS_INPUTS_BUILD != 0xBEA04D43u
 #error "ars_inputs.h and this source come from different builds"
 #endif
-#if ARS_PARAMETERS_BUILD != 0x36EF2FDAu
+#if ARS_PARAMETERS_BUILD != 0xBEA04D43u
 #error "ars_parameters.h and this source come from different builds"
 #endif
 
@@ -28,7 +28,7 @@
 extern "C" {
 #endif
 
-#define ARS_LAW_BUILD 0x36EF2FDAu
+#define ARS_LAW_BUILD 0xBEA04D43u
 
 /* Phase of the law in a sample. */
 typedef enum {
@@ -39,7 +39,7 @@ typedef enum {
 
 /* State between two samples. Private: read it in a debugger, change it only through the functions below. */
 typedef struct {
-    float integral;                     /* rad, part of the rear angle */
+    float integral;                     /* rad, integral part of the rear angle */
     bool is_limited;                    /* a limit acted in the last sample */
 } ars_law_t;
 

@@ -22,19 +22,19 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x36EF2FDAu
+#define ARS_LIMITER_BUILD 0xBEA04D43u
 
 enum { ARS_LIMITER_POINTS = 6 };
 
 /* Calibration parameters. Call ars_limiter_parameters_valid() after each change. */
 typedef struct {
-    float rear_angle_max;                                   /* rad, bound of the command */
-    float rear_rate_max;                                    /* rad/s (off) */
-    float opposite_phase_speed[ARS_LIMITER_POINTS];         /* m/s, breakpoints, increasing */
-    float opposite_phase_max[ARS_LIMITER_POINTS];           /* rad, bound of the opposite-phase angle at those speeds (off) */
-    float in_phase_from_front_angle;                        /* rad, front angle from which the whole rear_angle_max is allowed in phase */
-    float speed_max;                                        /* m/s, range; a speed beyond it is ignored */
-    float front_angle_max;                                  /* rad, range; a front angle beyond it is ignored */
+    float rear_angle_max;                                   /* rad, largest command */
+    float rear_rate_max;                                    /* rad/s, largest rate of the command (off) */
+    float opposite_phase_speed[ARS_LIMITER_POINTS];         /* m/s, speeds of the opposite-phase bound */
+    float opposite_phase_max[ARS_LIMITER_POINTS];           /* rad, largest angle opposite to the front wheels at those speeds (off) */
+    float in_phase_from_front_angle;                        /* rad, front angle from which the full in-phase angle is allowed */
+    float speed_max;                                        /* m/s, largest valid speed; larger ones are ignored */
+    float front_angle_max;                                  /* rad, largest valid front angle; larger ones are ignored */
 } ars_limiter_parameters_t;
 
 /* Inputs of one sample. NaN, and a value out of range, count as not available. */

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x36EF2FDAu
+#define ARS_MAP_BUILD 0xBEA04D43u
 
 /* Numbers of breakpoints. */
 enum {

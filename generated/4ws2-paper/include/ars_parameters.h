@@ -15,10 +15,10 @@
 #include "ars_inputs.h"
 #include "ars_limiter.h"
 
-#if ARS_INPUTS_BUILD != 0x36EF2FDAu
+#if ARS_INPUTS_BUILD != 0xBEA04D43u
 #error "ars_inputs.h and this source come from different builds"
 #endif
-#if ARS_LIMITER_BUILD != 0x36EF2FDAu
+#if ARS_LIMITER_BUILD != 0xBEA04D43u
 #error "ars_limiter.h and this source come from different builds"
 #endif
 
@@ -26,26 +26,26 @@
 extern "C" {
 #endif
 
-#define ARS_PARAMETERS_BUILD 0x36EF2FDAu
+#define ARS_PARAMETERS_BUILD 0xBEA04D43u
 
 /* Calibration parameters. Call ars_parameters_valid() after each change. */
 typedef struct {
-    float proportional_gain;            /* s: rad of rear angle for each rad/s of error */
-    float integral_gain;                /* rad of rear angle for each rad of integrated error */
-    float rear_angle_error_max;         /* rad, largest distance of the demand from the measured rear angle */
-    float rear_angle_max;               /* rad, bound of the command, at most the actuator's largest angle */
-    float rear_rate_max;                /* rad/s, bound on the command's rate (off) */
-    float friction_min;                 /* a lower estimate counts as this */
-    float enable_speed;                 /* m/s, control starts from here */
-    float disable_speed;                /* m/s, standby below */
-    float standby_rate;                 /* rad/s, return to zero in standby */
-    float fail_safe_rate;               /* rad/s, return to zero in fail-safe */
-    float actuator_share;               /* of the way to the command that the actuator goes in a sample */
-    float actuator_error_max;           /* rad, tolerated error, in addition to twice the remaining way */
-    uint16_t actuator_samples_max;      /* samples off, less others, then it is stuck */
-    uint16_t inhibit_samples_max;       /* consecutive samples with Inhibit, then it is set for good */
-    ars_inputs_parameters_t inputs;     /* of the plausibility checks */
-    ars_limiter_parameters_t limiter;   /* of the safety limiter */
+    float proportional_gain;            /* s, proportional gain: rear angle for a yaw-rate error of 1 rad/s */
+    float integral_gain;                /* integral gain: rear angle per integrated yaw-rate error */
+    float rear_angle_error_max;         /* rad, largest lead of the demand over the measured rear angle */
+    float rear_angle_max;               /* rad, largest command, at most the actuator's largest angle */
+    float rear_rate_max;                /* rad/s, largest rate of the command (off) */
+    float friction_min;                 /* lower friction estimates are raised to this value */
+    float enable_speed;                 /* m/s, control starts at this speed */
+    float disable_speed;                /* m/s, control ends below this speed */
+    float standby_rate;                 /* rad/s, rate of the return to zero in standby */
+    float fail_safe_rate;               /* rad/s, rate of the return to zero in fail-safe */
+    float actuator_share;               /* share of the remaining way that the actuator covers per sample */
+    float actuator_error_max;           /* rad, tolerated position error, besides twice the remaining way */
+    uint16_t actuator_samples_max;      /* deviating samples minus following ones until the actuator counts as stuck */
+    uint16_t inhibit_samples_max;       /* consecutive samples with Inhibit until the controller enters standby */
+    ars_inputs_parameters_t inputs;     /* parameters of the plausibility checks */
+    ars_limiter_parameters_t limiter;   /* parameters of the safety limiter */
 } ars_parameters_t;
 
 /* Parameters of this build. */

@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0x36EF2FDAu
+#if ARS_DYNAMICS_BUILD != 0xBEA04D43u
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_LIMITER_BUILD != 0x36EF2FDAu
+#if ARS_LIMITER_BUILD != 0xBEA04D43u
 #error "ars_limiter.h and this source come from different builds"
 #endif
 

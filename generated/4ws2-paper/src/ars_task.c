@@ -8,19 +8,19 @@
 
 #include "ars_sections.h"
 
-#if ARS_CAN_BUILD != 0x36EF2FDAu
+#if ARS_CAN_BUILD != 0xBEA04D43u
 #error "ars_can.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0x36EF2FDAu
+#if ARS_CONTROLLER_BUILD != 0xBEA04D43u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_E2E_BUILD != 0x36EF2FDAu
+#if ARS_E2E_BUILD != 0xBEA04D43u
 #error "ars_e2e.h and this source come from different builds"
 #endif
-#if ARS_SUPERVISION_BUILD != 0x36EF2FDAu
+#if ARS_SUPERVISION_BUILD != 0xBEA04D43u
 #error "ars_supervision.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0x36EF2FDAu
+#if ARS_TASK_BUILD != 0xBEA04D43u
 #error "ars_task.h and this source come from different builds"
 #endif
 

@@ -16,7 +16,7 @@
 #include "ars_dynamics.h"
 #include "ars_map.h"
 
-#if ARS_TASK_BUILD != 0x36EF2FDAu
+#if ARS_TASK_BUILD != 0xBEA04D43u
 #error "ars_task.h and this source come from different builds"
 #endif
 

@@ -14,23 +14,23 @@
 extern "C" {
 #endif
 
-#define ARS_CONSTANTS_BUILD 0xD8B70D2Bu
+#define ARS_CONSTANTS_BUILD 0xF3AC5492u
 
 typedef struct {
-    float lateral_acceleration_cap; /* m/s^2, largest steady one that the constraints allow */
-    float lateral_acceleration_cap_per_friction; /* m/s^2, for a friction of 1, on slippery roads */
-    float map_friction; /* friction of the road that the map assumes */
-    float wheelbase; /* m */
-    float understeer_coefficient; /* s^2/m */
-    float rear_arm; /* m, centre of gravity to rear axle */
-    float rear_slip_per_lateral_acceleration; /* rad s^2/m, rear axle */
-    float sideslip_max; /* rad, bound of the optimisation */
-    float rear_angle_max; /* rad, bound of the optimisation */
-    float grip_max; /* m/s^2, lateral acceleration that the map allows on its road */
-    float friction_per_grip; /* s^2/m, friction for each m/s^2 of it */
-    float model_rear_slip_per_lateral_acceleration; /* rad s^2/m, the same of the reference model */
-    float rear_slip_least; /* rad, half of the slip at which the rear tyres give their peak force */
-    float rear_slip_per_friction; /* rad, the other half, for a friction of 1 */
+    float lateral_acceleration_cap; /* m/s^2, largest steady lateral acceleration that the constraints allow */
+    float lateral_acceleration_cap_per_friction; /* m/s^2, largest lateral acceleration per friction, on slippery roads */
+    float map_friction; /* road friction that the map assumes */
+    float wheelbase; /* m, wheelbase of the linear car */
+    float understeer_coefficient; /* s^2/m, understeer coefficient of the linear car */
+    float rear_arm; /* m, distance from centre of gravity to rear axle */
+    float rear_slip_per_lateral_acceleration; /* rad s^2/m, rear slip angle per lateral acceleration */
+    float sideslip_max; /* rad, sideslip bound of the optimisation */
+    float rear_angle_max; /* rad, rear angle bound of the optimisation */
+    float grip_max; /* m/s^2, largest lateral acceleration of the map on its road */
+    float friction_per_grip; /* s^2/m, friction per lateral acceleration */
+    float model_rear_slip_per_lateral_acceleration; /* rad s^2/m, rear slip angle per lateral acceleration of the model */
+    float rear_slip_least; /* rad, half of the rear slip angle at peak force */
+    float rear_slip_per_friction; /* rad, other half of the rear slip angle at peak force, per friction */
 } ars_constants_t;
 
 extern const ars_constants_t ars_constants;

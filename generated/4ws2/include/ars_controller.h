@@ -23,19 +23,19 @@
 #include "ars_limiter.h"
 #include "ars_parameters.h"
 
-#if ARS_GRIP_BUILD != 0xD8B70D2Bu
+#if ARS_GRIP_BUILD != 0xF3AC5492u
 #error "ars_grip.h and this source come from different builds"
 #endif
-#if ARS_INPUTS_BUILD != 0xD8B70D2Bu
+#if ARS_INPUTS_BUILD != 0xF3AC5492u
 #error "ars_inputs.h and this source come from different builds"
 #endif
-#if ARS_LAW_BUILD != 0xD8B70D2Bu
+#if ARS_LAW_BUILD != 0xF3AC5492u
 #error "ars_law.h and this source come from different builds"
 #endif
-#if ARS_LIMITER_BUILD != 0xD8B70D2Bu
+#if ARS_LIMITER_BUILD != 0xF3AC5492u
 #error "ars_limiter.h and this source come from different builds"
 #endif
-#if ARS_PARAMETERS_BUILD != 0xD8B70D2Bu
+#if ARS_PARAMETERS_BUILD != 0xF3AC5492u
 #error "ars_parameters.h and this source come from different builds"
 #endif
 
@@ -43,7 +43,7 @@
 extern "C" {
 #endif
 
-#define ARS_CONTROLLER_BUILD 0xD8B70D2Bu
+#define ARS_CONTROLLER_BUILD 0xF3AC5492u
 
 /* Mark of a state that ars_controller_init() has initialised. Not zero, so that cleared memory does not look initialised. */
 #define ARS_CONTROLLER_INITIALISED 0x41525331u
@@ -66,18 +66,18 @@ typedef struct {
 
 /* State between two steps. Private: read it in a debugger, change it only through the functions below. */
 typedef struct {
-    ars_law_t law;                      /* the control law */
-    ars_grip_t grip;                    /* of the road */
+    ars_law_t law;                      /* state of the control law */
+    ars_grip_t grip;                    /* estimated grip of the road */
     float rear_angle;                   /* rad, last command */
     float yaw_rate_reference;           /* rad/s, last reference */
     float yaw_rate_error;               /* rad/s, last reference minus measured yaw rate; 0 while control is off */
-    bool enabled;                       /* the law runs */
+    bool enabled;                       /* the control law runs */
     uint32_t initialised;               /* mark of an initialised state */
-    ars_measurement_t sample;           /* last sample after monitoring */
-    ars_inputs_t inputs;                /* first in the chain */
-    ars_limiter_t limiter;              /* last in the chain */
-    ars_quality_t quality;              /* of the last sample */
-    ars_status_t status;                /* of the last step */
+    ars_measurement_t sample;           /* last sample after the plausibility checks */
+    ars_inputs_t inputs;                /* state of the plausibility checks */
+    ars_limiter_t limiter;              /* state of the safety limiter */
+    ars_quality_t quality;              /* quality of the last sample */
+    ars_status_t status;                /* status of the last step */
 } ars_controller_t;
 
 /*

@@ -14,7 +14,7 @@
 
 #include "ars_parameters.h"
 
-#if ARS_PARAMETERS_BUILD != 0xD8B70D2Bu
+#if ARS_PARAMETERS_BUILD != 0xF3AC5492u
 #error "ars_parameters.h and this source come from different builds"
 #endif
 
@@ -22,12 +22,12 @@
 extern "C" {
 #endif
 
-#define ARS_GRIP_BUILD 0xD8B70D2Bu
+#define ARS_GRIP_BUILD 0xF3AC5492u
 
 /* State between two samples. Private: read it in a debugger, change it only through the functions below. */
 typedef struct {
-    float reached;              /* m/s^2 of lateral acceleration, lately */
-    float available;            /* m/s^2 of lateral acceleration that the road has not yet refused */
+    float reached;              /* m/s^2, largest recent lateral acceleration */
+    float available;            /* m/s^2, lateral acceleration that the road is assumed to carry */
 } ars_grip_t;
 
 /* Initialise with the full grip of the road that the map assumes. */

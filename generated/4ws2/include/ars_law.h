@@ -18,13 +18,13 @@
 #include "ars_parameters.h"
 #include "ars_reference_model.h"
 
-#if ARS_INPUTS_BUILD != 0xD8B70D2Bu
+#if ARS_INPUTS_BUILD != 0xF3AC5492u
 #error "ars_inputs.h and this source come from different builds"
 #endif
-#if ARS_PARAMETERS_BUILD != 0xD8B70D2Bu
+#if ARS_PARAMETERS_BUILD != 0xF3AC5492u
 #error "ars_parameters.h and this source come from different builds"
 #endif
-#if ARS_REFERENCE_MODEL_BUILD != 0xD8B70D2Bu
+#if ARS_REFERENCE_MODEL_BUILD != 0xF3AC5492u
 #error "ars_reference_model.h and this source come from different builds"
 #endif
 
@@ -32,7 +32,7 @@
 extern "C" {
 #endif
 
-#define ARS_LAW_BUILD 0xD8B70D2Bu
+#define ARS_LAW_BUILD 0xF3AC5492u
 
 /* Phase of the law in a sample. */
 typedef enum {
@@ -43,15 +43,15 @@ typedef enum {
 
 /* State between two samples. Private: read it in a debugger, change it only through the functions below. */
 typedef struct {
-    ars_reference_model_t model;        /* of the car */
+    ars_reference_model_t model;        /* reference model of the car */
     float trim;                         /* rad/s, correction towards the map's yaw rate */
-    float sideslip;                     /* rad, observed */
-    float integral;                     /* rad, part of the rear angle */
-    float front_angle;                  /* rad, of the last sample */
-    float front_rate;                   /* rad/s, smoothed */
-    float previous_model_yaw_rate;      /* rad/s, one sample ago */
-    uint16_t missed_samples;            /* predicted since the last good sample */
-    float yaw_rate;                     /* rad/s, of the last sample */
+    float sideslip;                     /* rad, observed sideslip angle */
+    float integral;                     /* rad, integral part of the rear angle */
+    float front_angle;                  /* rad, front angle of the last sample */
+    float front_rate;                   /* rad/s, smoothed rate of the front angle */
+    float previous_model_yaw_rate;      /* rad/s, yaw rate of the model one sample ago */
+    uint16_t missed_samples;            /* predicted samples since the last good one */
+    float yaw_rate;                     /* rad/s, yaw rate of the last sample */
     bool is_limited;                    /* a limit acted in the last sample */
 } ars_law_t;
 

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0xD8B70D2Bu
+#define ARS_MAP_BUILD 0xF3AC5492u
 
 /* Numbers of breakpoints. */
 enum {

@@ -15,10 +15,10 @@
 #include "ars_inputs.h"
 #include "ars_limiter.h"
 
-#if ARS_INPUTS_BUILD != 0xD8B70D2Bu
+#if ARS_INPUTS_BUILD != 0xF3AC5492u
 #error "ars_inputs.h and this source come from different builds"
 #endif
-#if ARS_LIMITER_BUILD != 0xD8B70D2Bu
+#if ARS_LIMITER_BUILD != 0xF3AC5492u
 #error "ars_limiter.h and this source come from different builds"
 #endif
 
@@ -26,46 +26,46 @@
 extern "C" {
 #endif
 
-#define ARS_PARAMETERS_BUILD 0xD8B70D2Bu
+#define ARS_PARAMETERS_BUILD 0xF3AC5492u
 
 enum { ARS_SCHEDULE_POINTS = 8 };
 
 /* Calibration parameters. Call ars_parameters_valid() after each change. */
 typedef struct {
-    float schedule_speed[ARS_SCHEDULE_POINTS];/* m/s, breakpoints of the gains, increasing; the last gains hold beyond them */
-    float proportional_gain[ARS_SCHEDULE_POINTS];/* s: rad of rear angle for each rad/s of error */
-    float integral_gain[ARS_SCHEDULE_POINTS];/* rad of rear angle for each rad of integrated error */
-    float lead_time[ARS_SCHEDULE_POINTS];/* s, prediction time of the front angle that enters the map */
-    float response_gain[ARS_SCHEDULE_POINTS];/* s: rad of rear angle for each rad/s that the model's yaw rate is below the map's */
-    float lead_smoothing;               /* weight of a new rate of the front angle in its low-pass filter */
-    float lead_angle_max;               /* rad, bound of the predicted change */
-    float response_samples;             /* samples, prediction time of the model's yaw rate for the response gain */
-    float yaw_increasing_max;           /* rad, bound of the feedback in the direction that increases the yaw rate */
-    float yaw_increasing_wide;          /* rad, the same bound without sideslip out of the turn */
-    float sideslip_max;                 /* rad, sideslip out of the turn at which that bound ends, and beyond which the reference falls */
-    float turn_margin_rate;             /* rad/s, by which the reference may exceed the turn of the lateral acceleration */
-    float turn_margin;                  /* m/s^2, smallest such margin */
-    float trim_share;                   /* bound of the trim, as a share of the map's yaw rate */
+    float schedule_speed[ARS_SCHEDULE_POINTS];/* m/s, speeds of the gain schedule; the outermost gains hold beyond them */
+    float proportional_gain[ARS_SCHEDULE_POINTS];/* s, proportional gain: rear angle for a yaw-rate error of 1 rad/s */
+    float integral_gain[ARS_SCHEDULE_POINTS];/* integral gain: rear angle per integrated yaw-rate error */
+    float lead_time[ARS_SCHEDULE_POINTS];/* s, prediction time of the front angle for the map */
+    float response_gain[ARS_SCHEDULE_POINTS];/* s, gain on the difference between map and model yaw rate */
+    float lead_smoothing;               /* weight of a new front-angle rate in its low-pass filter */
+    float lead_angle_max;               /* rad, largest predicted change of the front angle */
+    float response_samples;             /* prediction time of the model's yaw rate, in samples */
+    float yaw_increasing_max;           /* rad, largest feedback that increases the yaw rate, at sideslip_max */
+    float yaw_increasing_wide;          /* rad, largest feedback that increases the yaw rate, without outward sideslip */
+    float sideslip_max;                 /* rad, outward sideslip at which yaw_increasing_max applies; beyond it, the reference falls */
+    float turn_margin_rate;             /* rad/s, largest excess of the reference over the yaw rate from lateral acceleration */
+    float turn_margin;                  /* m/s^2, lower limit of turn_margin_rate times the speed */
+    float trim_share;                   /* largest trim as a share of the map's yaw rate */
     float trim_rate;                    /* 1/s, inverse time constant of the trim */
-    float grip_shortfall;               /* m/s^2, shortfall of lateral acceleration that does not count as a loss of grip */
-    float grip_shortfall_share;         /* share of the model's acceleration that is added to it while little grip is used */
-    float grip_loss_rate;               /* 1/s, inverse time constant of a loss of grip */
-    float grip_forgetting;              /* 1/s, inverse time constant of the reached lateral acceleration */
-    float grip_recovery;                /* m/s^3, recovery of the grip in a turn */
-    float grip_recovery_idle;           /* m/s^3, recovery while less than half of the grip is needed */
-    float rear_angle_error_max;         /* rad, largest distance of the demand from the measured rear angle */
-    float rear_angle_max;               /* rad, bound of the command, at most the actuator's largest angle */
-    float rear_rate_max;                /* rad/s, bound on the command's rate */
-    float friction_min;                 /* a lower estimate counts as this */
-    float slow_speed;                   /* m/s, no feedback below and in reverse, whole from twice it on */
-    float fade_rate;                    /* rad/m, largest change of the command for each metre below slow_speed */
-    float fail_safe_rate;               /* rad/s, return to zero in fail-safe */
-    float actuator_share;               /* of the way to the command that the actuator goes in a sample */
-    float actuator_error_max;           /* rad, tolerated error, in addition to twice the remaining way */
-    uint16_t actuator_samples_max;      /* samples off, less others, then it is stuck */
-    uint16_t inhibit_samples_max;       /* consecutive samples with Inhibit, then it is set for good */
-    ars_inputs_parameters_t inputs;     /* of the plausibility checks */
-    ars_limiter_parameters_t limiter;   /* of the safety limiter */
+    float grip_shortfall;               /* m/s^2, missing lateral acceleration that does not count as lost grip */
+    float grip_shortfall_share;         /* share of the model's acceleration added to grip_shortfall in gentle turns */
+    float grip_loss_rate;               /* 1/s, inverse time constant with which the assumed grip falls */
+    float grip_forgetting;              /* 1/s, inverse time constant for forgetting the largest lateral acceleration */
+    float grip_recovery;                /* m/s^3, rise of the assumed grip in a turn */
+    float grip_recovery_idle;           /* m/s^3, rise of the assumed grip while under half is used */
+    float rear_angle_error_max;         /* rad, largest lead of the demand over the measured rear angle */
+    float rear_angle_max;               /* rad, largest command, at most the actuator's largest angle */
+    float rear_rate_max;                /* rad/s, largest rate of the command */
+    float friction_min;                 /* lower friction estimates are raised to this value */
+    float slow_speed;                   /* m/s, no feedback below it or in reverse; full from twice it */
+    float fade_rate;                    /* rad/m, largest change of the command per metre below slow_speed */
+    float fail_safe_rate;               /* rad/s, rate of the return to zero in fail-safe */
+    float actuator_share;               /* share of the remaining way that the actuator covers per sample */
+    float actuator_error_max;           /* rad, tolerated position error, besides twice the remaining way */
+    uint16_t actuator_samples_max;      /* deviating samples minus following ones until the actuator counts as stuck */
+    uint16_t inhibit_samples_max;       /* consecutive samples with Inhibit until the controller enters standby */
+    ars_inputs_parameters_t inputs;     /* parameters of the plausibility checks */
+    ars_limiter_parameters_t limiter;   /* parameters of the safety limiter */
 } ars_parameters_t;
 
 /* Parameters of this build. */

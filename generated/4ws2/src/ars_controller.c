@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0xD8B70D2Bu
+#if ARS_CONTROLLER_BUILD != 0xF3AC5492u
 #error "ars_controller.h and this source come from different builds"
 #endif
 

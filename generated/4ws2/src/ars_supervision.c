@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_SUPERVISION_BUILD != 0xD8B70D2Bu
+#if ARS_SUPERVISION_BUILD != 0xF3AC5492u
 #error "ars_supervision.h and this source come from different builds"
 #endif
 

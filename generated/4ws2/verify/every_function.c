@@ -17,7 +17,7 @@
 #include "ars_dynamics.h"
 #include "ars_map.h"
 
-#if ARS_TASK_BUILD != 0xD8B70D2Bu
+#if ARS_TASK_BUILD != 0xF3AC5492u
 #error "ars_task.h and this source come from different builds"
 #endif
 
