@@ -22,7 +22,7 @@ from codegen.ecu_map.lookup import Lookup, error_bound
 from codegen.ecu_map.placement import Placed, Request, choose
 from codegen.emit import supervision
 from codegen.emit.a2l_view import a2l_view
-from codegen.emit.can_view import can_view, task_view
+from codegen.emit.can_view import CanView, task_view
 from codegen.emit.checksum_view import ChecksumView, checksum_view
 from codegen.emit.constants import constants_of
 from codegen.emit.contracts.files import contract_files
@@ -267,7 +267,7 @@ def _code(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         "limiter": LimiterView(config),
         "model": (reference_model_view(config, options.precision, per_axle=table.moving) if law.uses_reference_model else None),
         "dynamics": dynamics,
-        "can": can_view(config, options.precision),
+        "can": CanView(config, options.precision),
         "measured": config.can.measured,
         "carried": CARRIED,
         "statuses": STATUSES,

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 from itertools import groupby
 
 from codegen.configuration import Config
-from codegen.configuration.can import NODES, QUALIFIED, Can, Message, RealSignal, Signal
+from codegen.configuration.can import NODES, QUALIFIED, Can, E2e, Message, RealSignal, Signal
 from codegen.configuration.e2e_profiles import Profile
 from codegen.configuration.signals import PAYLOADS, SIGNALS, SignalDefinition
 from codegen.emit.e2e_view import E2eView
@@ -255,46 +256,110 @@ class Frame:
 
 @dataclass(frozen=True)
 class CanView:
-    """Everything that the CAN templates print."""
+    """The frames of a configuration, as the CAN templates print them.
 
-    messages: tuple[Frame, ...]
-    diagnostics: tuple[Cause, ...]
-    reception_bits: int
-    task_period_ms: str
-    cycle_time_is_whole: bool
-    baudrate: str
-    max_delta_counter: int
-    max_delta_counter_init: int
-    max_no_new_or_repeated_data: int
-    sync_counter_init: int
-    window_size: int
-    window_ms: str
-    window_mask: str
-    counts_mask: str
-    count_mask: str
-    min_ok_state_init: int
-    max_error_state_init: int
-    min_ok_state_valid: int
-    max_error_state_valid: int
-    min_ok_state_invalid: int
-    max_error_state_invalid: int
-    exact: bool
-    scale: str
-    to_code: str
-    to_value: str
-    splitter: str
-    half: str
-    nan_type: str
-    nan_bits: str
-    e2e: E2eView
-    frame_bytes: int
-    data_baudrate: str
-    is_extended: bool
+    In single precision the arithmetic of the codes is made exact. In double precision it equals that of tools that read a DBC.
+    """
+
+    config: Config
+    precision: Precision
+
+    reception_bits = len(_RECEPTION)
+    splitter = 2.0**12 + 1.0
+
+    @property
+    def settings(self) -> E2e:
+        """Settings of the E2E protection."""
+        return self.config.can.e2e
+
+    @functools.cached_property
+    def messages(self) -> tuple[Frame, ...]:
+        """The frames."""
+        return tuple(_frame(self.config.can, role, self.precision) for role in self.config.can.messages())
+
+    @property
+    def diagnostics(self) -> tuple[Cause, ...]:
+        """Bits of `Diagnostics`."""
+        return causes(self.e2e.length_text)
+
+    @functools.cached_property
+    def e2e(self) -> E2eView:
+        """The E2E protection."""
+        return _e2e_view(self.config.can)
+
+    @property
+    def frame_bytes(self) -> int:
+        """Bytes of a frame."""
+        return self.config.can.frame_bytes
+
+    @property
+    def is_extended(self) -> bool:
+        """Whether identifiers have 29 bits."""
+        return self.config.can.extended_ids
+
+    @property
+    def _period_ms(self) -> float:
+        return round(self.config.controller.sampling_time_s * 1e3, 9)
+
+    @property
+    def task_period_ms(self) -> str:
+        """Period of task and frames."""
+        return decimal(self._period_ms)
+
+    @property
+    def window_ms(self) -> str:
+        """Time of the window of the E2E state machine."""
+        return decimal(self._period_ms * self.settings.window_size)
+
+    @property
+    def cycle_time_is_whole(self) -> bool:
+        """Whether the period is a whole number of ms."""
+        return self._period_ms == round(self._period_ms)
+
+    @property
+    def baudrate(self) -> int:
+        """Bit rate in bit/s."""
+        return round(self.config.can.bitrate_kbit_s * 1e3)
+
+    @property
+    def data_baudrate(self) -> int:
+        """Bit rate of the data of CAN FD in bit/s; 0 for classical CAN."""
+        return round((self.config.can.data_bitrate_kbit_s or 0.0) * 1e3)
+
+    @property
+    def window_mask(self) -> int:
+        """Previous cycles that remain in the window, in both halves of a word."""
+        return ((1 << self.settings.window_size) - 2) * 0x10001
+
+    @property
+    def count_mask(self) -> int:
+        """Bits of a count of cycles in the window."""
+        return (1 << self.settings.window_size.bit_length()) - 1
+
+    @property
+    def exact(self) -> bool:
+        """Whether the arithmetic of the codes is exact."""
+        return self.precision == "single"
+
+    @property
+    def scale(self) -> str:
+        """Name of the C argument that scales."""
+        return "steps" if self.exact else "factor"
+
+    @property
+    def to_code(self) -> str:
+        """C operator and operand from value to code."""
+        return f"{'*' if self.exact else '/'} {self.scale}"
+
+    @property
+    def to_value(self) -> str:
+        """C operator and operand from code to value."""
+        return f"{'/' if self.exact else '*'} {self.scale}"
 
     @property
     def is_fd(self) -> bool:
         """Whether the frames are those of CAN FD."""
-        return bool(self.data_baudrate)
+        return self.config.can.data_bitrate_kbit_s is not None
 
     @property
     def identifiers_text(self) -> str:
@@ -328,62 +393,50 @@ ANGLE_WAIT_S, WHEELS_WAIT_S = 0.1, 5.0
 """Times for which the command waits for the rear angle, and for wheels that do not follow."""
 
 
-@dataclass(frozen=True)
-class TaskView:
-    """The cyclic task: its function, and the samples in which it waits for the rear angle and for wheels that do not follow."""
-
-    function: str
-    angle_wait_max: int
-    angle_wait_text: str
-    wheels_wait_max: int
-    wheels_wait_text: str
-
-
 def task_name(sampling_time: float) -> str:
     """Return the name of the task's function, which contains its period (s): task_10ms, task_2500us."""
     microseconds = round(sampling_time * 1e6)
     return f"task_{microseconds // 1000}ms" if microseconds % 1000 == 0 else f"task_{microseconds}us"
 
 
+@dataclass(frozen=True)
+class TaskView:
+    """The cyclic task: its function, and the samples in which it waits for the rear angle and for wheels that do not follow."""
+
+    period: float
+
+    @property
+    def function(self) -> str:
+        """Name of its function."""
+        return task_name(self.period)
+
+    @property
+    def angle_wait_max(self) -> int:
+        """Samples in which it waits for the rear angle."""
+        return self._samples(ANGLE_WAIT_S)
+
+    @property
+    def wheels_wait_max(self) -> int:
+        """Samples in which it waits for wheels that do not follow."""
+        return self._samples(WHEELS_WAIT_S)
+
+    @property
+    def angle_wait_text(self) -> str:
+        """The first of these times."""
+        return f"{decimal(self.angle_wait_max * self.period * 1e3)} ms"
+
+    @property
+    def wheels_wait_text(self) -> str:
+        """The second one."""
+        return f"{decimal(self.wheels_wait_max * self.period)} s"
+
+    def _samples(self, time: float) -> int:
+        return max(math.floor(time / self.period + 1e-9), 1)
+
+
 def task_view(config: Config) -> TaskView:
     """Return the view of the configured sampling time."""
-    period = config.controller.sampling_time_s
-    angle, wheels = (max(math.floor(time / period + 1e-9), 1) for time in (ANGLE_WAIT_S, WHEELS_WAIT_S))
-    return TaskView(task_name(period), angle, f"{decimal(angle * period * 1e3)} ms", wheels, f"{decimal(wheels * period)} s")
-
-
-def can_view(config: Config, precision: Precision) -> CanView:
-    """Return the view of `config.can`."""
-    # In single precision the arithmetic is made exact. In double precision it equals that of tools that read a DBC.
-    exact = precision == "single"
-    can, period_ms = config.can, round(config.controller.sampling_time_s * 1e3, 9)
-    e2e = _e2e_view(can)
-    count_mask = (1 << can.e2e.window_size.bit_length()) - 1
-    return CanView(
-        messages=tuple(_frame(can, role, precision) for role in can.messages()),
-        diagnostics=causes(e2e.length_text),
-        reception_bits=len(_RECEPTION),
-        task_period_ms=decimal(period_ms),
-        cycle_time_is_whole=period_ms == round(period_ms),
-        baudrate=str(round(can.bitrate_kbit_s * 1e3)),
-        **{name: getattr(can.e2e, name) for name in type(can.e2e).model_fields if name != "profile"},
-        window_ms=decimal(period_ms * can.e2e.window_size),
-        window_mask=f"0x{((1 << can.e2e.window_size) - 2) * 0x10001:08X}",
-        counts_mask=f"0x{count_mask * 0x10001:08X}",
-        count_mask=f"0x{count_mask:02X}",
-        exact=exact,
-        scale="steps" if exact else "factor",
-        to_code="* steps" if exact else "/ factor",
-        to_value="/ steps" if exact else "* factor",
-        splitter=literal(2.0**12 + 1.0, precision),
-        half=literal(0.5, precision),
-        nan_type="uint32_t" if precision == "single" else "uint64_t",
-        nan_bits="0x7FC00000u" if precision == "single" else "0x7FF8000000000000u",
-        e2e=e2e,
-        frame_bytes=can.frame_bytes,
-        data_baudrate="" if can.data_bitrate_kbit_s is None else str(round(can.data_bitrate_kbit_s * 1e3)),
-        is_extended=can.extended_ids,
-    )
+    return TaskView(config.controller.sampling_time_s)
 
 
 def _e2e_view(can: Can) -> E2eView:

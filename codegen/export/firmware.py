@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from codegen import __version__
-from codegen.emit.can_view import can_view, task_name
+from codegen.emit.can_view import CanView, task_name
 from codegen.emit.folder import MANIFEST, Folder, owned_paths, read_files, read_manifest
 from codegen.emit.manifest import read_build
 from codegen.emit.outputs import refuse_folder
@@ -107,7 +107,7 @@ def project(build: Path) -> Project:
     }
     scenario = find(SCENARIO, software.config)
     received, answers = record(software, scenario)
-    can = can_view(software.config, software.precision)
+    can = CanView(software.config, software.precision)
     digits = 8 if can.is_extended else 3
     # As the firmware prints a frame: 201#0011223344556677.
     sent = tuple(f"{frame.id:0{digits}X}#{frame.data.hex().upper()}" for frame in answers)

@@ -71,7 +71,7 @@ class FrameUnits(Conditions):
             "a repeated counter is found": f"({result}_REPEATED) == ({counted} && ({advance} == 0u))",
         }
         if not can.profile.has_synchronisation:
-            most = f"({advance} <= {can.max_delta_counter}u)"
+            most = f"({advance} <= {can.settings.max_delta_counter}u)"
             table = intact | {
                 "a counter beyond the window is found": f"({result}_WRONG_SEQUENCE) == ({counted} && !{most})",
                 "a frame is accepted if its counter advances by one": f"({result}_OK) == ({counted} && ({advance} == 1u))",
@@ -83,10 +83,10 @@ class FrameUnits(Conditions):
             yield from (Claim(text, condition) for text, condition in table.items())
             return
         within = f"({advance} <= {self._advance})"
-        silence = f"(self_before->no_new_or_repeated_data_counter > {self.can.max_no_new_or_repeated_data}u)"
+        silence = f"(self_before->no_new_or_repeated_data_counter > {self.can.settings.max_no_new_or_repeated_data}u)"
         in_sequence = f"({counted} && !{silence} && (self_before->sync_counter == 0u))"
         old = f"(({result}_WRONG_CRC) || ({result}_REPEATED))"
-        renewed = f"(self->sync_counter == {self.can.sync_counter_init}u)"
+        renewed = f"(self->sync_counter == {self.can.settings.sync_counter_init}u)"
         table = intact | {
             "a counter beyond the window is found": f"({result}_WRONG_SEQUENCE)"
             f" == ({counted} && ({advance} > 0u) && !{within})",
@@ -95,7 +95,7 @@ class FrameUnits(Conditions):
             "after lost frames, one is accepted within the window only": f"({result}_OK_SOME_LOST)"
             f" == ({in_sequence} && ({advance} > 1u) && {within})",
             "the window grows until a new frame": "self->max_delta_counter"
-            f" == ({old} ? {self._advance} : {self.can.max_delta_counter_init}u)",
+            f" == ({old} ? {self._advance} : {self.can.settings.max_delta_counter_init}u)",
             "the last counter is that of the last new frame": "self->last_counter"
             f" == ({old} ? self_before->last_counter : {counter})",
             "after a jump, frames must be in sequence": f"!({result}_WRONG_SEQUENCE) || {renewed}",
@@ -118,7 +118,7 @@ class FrameUnits(Conditions):
 
     def _supervised(self) -> Iterator[Claim]:
         """Yield the transitions of AUTOSAR's E2E state machine, with the cycles of the window counted bit by bit."""
-        state, can, size = f"{self.upper}_E2E_STATE", self.can, self.can.window_size
+        state, can, size = f"{self.upper}_E2E_STATE", self.can, self.can.settings.window_size
         was, is_, mask = f"self_before->state == {state}", f"self->state == {state}", f"0x{(1 << size) - 1:X}u"
         good, damaged = (" + ".join(f"((self->window >> {first + k}u) & 1u)" for k in range(size)) for first in (0, 16))
         started = f"({was}_NO_DATA)"
@@ -130,7 +130,7 @@ class FrameUnits(Conditions):
             kept = f"(((self->window >> {first}u) & {mask}) == {moved})"
             yield Claim(f"the window has the last {words} cycles", f"{started} || {kept}")
         for name in ("INIT", "VALID", "INVALID"):
-            least, most = (getattr(can, f"{each}_state_{name.lower()}") for each in ("min_ok", "max_error"))
+            least, most = (getattr(can.settings, f"{each}_state_{name.lower()}") for each in ("min_ok", "max_error"))
             few, enough = f"(({damaged}) <= {most}u)", f"(({good}) >= {least}u)"
             decided = f"(({is_}_VALID) == ({enough} && {few}))"
             yield Claim(f"from {name}, the thresholds decide on VALID", f"!({was}_{name}) || {decided}")

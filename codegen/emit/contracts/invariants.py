@@ -73,7 +73,7 @@ class Invariants(Conditions):
         if self.can.profile.has_synchronisation:
             for name in ("max_delta_counter", "no_new_or_repeated_data_counter"):
                 yield f"(value->{name} <= {self.counter_max}u)"
-            yield f"(value->sync_counter <= {self.can.sync_counter_init}u)"
+            yield f"(value->sync_counter <= {self.can.settings.sync_counter_init}u)"
 
     def _parameters(self, ctype: str, parameters: Iterable[Parameter], relations: Iterable[str]) -> Invariant:
         """Ranges of the parameters, and the relations between them that proofs use."""

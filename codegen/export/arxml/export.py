@@ -14,7 +14,7 @@ from codegen import __version__, configuration
 from codegen.configuration import Config
 from codegen.configuration.can import NODES
 from codegen.emit.build import NUMBERS, BuildView
-from codegen.emit.can_view import Cause, can_view, task_view
+from codegen.emit.can_view import CanView, Cause, task_view
 from codegen.emit.folder import MANIFEST, Folder, read_files, verify_hashes
 from codegen.emit.manifest import read_build
 from codegen.emit.map_view import magnitude_bits
@@ -168,7 +168,7 @@ def _context(manifest: Mapping[str, Any], config: Config, protection: Protection
     options = manifest["options"]
     prefix, precision = str(options["prefix"]), options["precision"]
     parameters, tables = parameter_views(config, precision), map_views(manifest, prefix, precision)
-    can, period = can_view(config, precision), config.controller.sampling_time_s
+    can, period = CanView(config, precision), config.controller.sampling_time_s
     calibrated = (*parameters, *tables)
     bits = numpy_type(precision)().itemsize * 8
     messages = message_views(can.messages, can.profile, (EVENT_STATUS, *(each.name for each in calibrated)))

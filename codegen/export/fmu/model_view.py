@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 from codegen.configuration import Config
 from codegen.configuration.can import NODES
-from codegen.emit.can_view import can_view, task_view
+from codegen.emit.can_view import CanView, task_view
 from codegen.emit.text import Precision, literal
 from codegen.export.fmu.variables import WITH_BUS, Role, Variable, Version, What
 from codegen.sil.software import COUNTERS
@@ -158,7 +158,7 @@ def _bus(what: What, config: Config, precision: Precision) -> dict[str, int]:
         "CAN_DATA_BIT_RATE": round((can.data_bitrate_kbit_s or 0.0) * 1e3),
         "CAN_IS_EXTENDED": int(can.extended_ids),
         "CAN_FRAME_BYTES": can.frame_bytes,
-        "CAN_MAILBOXES": sum(each.sender == sender for each in can_view(config, precision).messages),
+        "CAN_MAILBOXES": sum(each.sender == sender for each in CanView(config, precision).messages),
         "CAN_RESTART_STEPS": math.ceil(RESTART_BITS / bit_rate / config.plant.sampling_time_s),
     }
 
