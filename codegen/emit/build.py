@@ -29,7 +29,7 @@ from codegen.emit.contracts.files import contract_files
 from codegen.emit.controller_view import ControllerView, known_values
 from codegen.emit.deviations import FILE as DEVIATIONS
 from codegen.emit.deviations import deviations
-from codegen.emit.dynamics_view import DynamicsView, dynamics_view, reference_model_view
+from codegen.emit.dynamics_view import DynamicsView, ReferenceModelView
 from codegen.emit.evidence import Evidence, grip_facts, margins_text, placement_facts, placement_text, request_facts
 from codegen.emit.folder import Folder
 from codegen.emit.inputs_view import InputsView
@@ -256,7 +256,7 @@ def _code(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
     lookup = Lookup.from_map(total, numpy_type(options.precision))
     table = map_view(total, lookup, config, options.precision, options.prefix)
     constants = constants_of(config, total, lookup)
-    dynamics = dynamics_view(config, options.precision)
+    dynamics = DynamicsView(config, options.precision)
     context: dict[str, Any] = {
         "build": view,
         "map": table,
@@ -265,7 +265,7 @@ def _code(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         "law": law,
         "inputs": InputsView(config),
         "limiter": LimiterView(config),
-        "model": (reference_model_view(config, options.precision, per_axle=table.moving) if law.uses_reference_model else None),
+        "model": (ReferenceModelView(config, options.precision, per_axle=table.moving) if law.uses_reference_model else None),
         "dynamics": dynamics,
         "can": CanView(config, options.precision),
         "measured": config.can.measured,
@@ -466,5 +466,5 @@ def _facts(parts: _Parts, dynamics: DynamicsView, checksum: ChecksumView, identi
         },
         "calibration": {"checksum_crc32": f"{checksum.value:08x}"},
         "symbols": symbols_of(table, options.prefix, c_type(options.precision), identity),
-        "dynamics_library_functions": list(dynamics.math_functions),
+        "dynamics_library_functions": dynamics.math_functions,
     }

@@ -62,6 +62,12 @@ def function_body(function: Any, precision: Precision, indent: str = "    ") -> 
     return [*lines, *stores]
 
 
+def library_calls(function: Any, precision: Precision) -> set[str]:
+    """Return the names of the mathematical functions that the C of an SX function calls."""
+    operations = (function.instruction_id(k) for k in range(function.n_instructions()))
+    return {LIBRARY[each] + ("f" if precision == "single" else "") for each in operations if each in LIBRARY}
+
+
 def constant_text(number: float, precision: Precision) -> str:
     """Return a constant as an operand."""
     text = literal(number, precision)

@@ -36,7 +36,7 @@ def checksum_view(config: Config, precision: Precision, map_view: MapView, model
     parameters = parameters_by_path(config)
     rest = b"".join(_bytes_of(each, precision) for each in parameters.values())
     if model is not None:
-        rest += b"".join(_bytes([tyre.compression_value, *tyre.values], precision) for tyre in (model.front, model.rear))
+        rest += b"".join(_bytes([curve.compression, *curve.values], precision) for curve in model.curves.values())
     return ChecksumView(zlib.crc32(rest, map_view.checksum_value), map_view.checksum_steps + 2 * len(rest), parameters)
 
 

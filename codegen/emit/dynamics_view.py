@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+import functools
 import math
-import re
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
+import casadi as ca
 import numpy as np
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
-from codegen.emit.casadi_c import LIBRARY, function_body
-from codegen.emit.text import Precision, lines_of, literal
+from codegen.emit.casadi_c import function_body, library_calls
+from codegen.emit.text import Precision
 from codegen.errors import BuildError
-from codegen.vehicle.dynamics import Model, single_track, single_track_step
+from codegen.vehicle.dynamics import single_track, single_track_step
 from codegen.vehicle.plant_car import load_transfer_losses
 from codegen.vehicle.single_track import SingleTrack
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
@@ -23,95 +23,61 @@ from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
 SPEED_MIN = 1.0
 """Lower bound of the speed in the ECU's dynamics, in m/s: the slip angles contain 1/speed."""
 
-_LIBRARY_CALL = re.compile(rf"\b({'|'.join(LIBRARY.values())})f?\(")
-
-
-@dataclass(frozen=True)
-class ArrayView:
-    """An output array of a generated function."""
-
-    name: str
-    size: int
-
 
 @dataclass(frozen=True)
 class FunctionView:
-    """One straight-line function of x and u; `unused` are the arguments that its body does not read."""
+    """A CasADi function of x and u as straight-line C."""
 
     name: str
-    outputs: tuple[ArrayView, ...]
-    body: tuple[str, ...]
-    unused: tuple[str, ...]
+    function: Any
+    precision: Precision
 
+    @functools.cached_property
+    def body(self) -> tuple[str, ...]:
+        """Its statements."""
+        return tuple(function_body(self.function, self.precision))
 
-@dataclass(frozen=True)
-class ModelView:
-    """A typed pair of functions (derivative and Jacobian) around two straight-line ones."""
+    @property
+    def outputs(self) -> dict[str, int]:
+        """Name and size of the arrays that it writes."""
+        return {self.function.name_out(k): self.function.nnz_out(k) for k in range(self.function.n_out())}
 
-    name: str
-    comment: str
-    derivative: str
-    jacobian: str
+    @property
+    def unused(self) -> tuple[str, ...]:
+        """Arguments that it does not read."""
+        steps = [k for k in range(self.function.n_instructions()) if self.function.instruction_id(k) == ca.OP_INPUT]
+        read = {self.function.name_in(self.function.instruction_input(k)[0]) for k in steps}
+        return tuple(argument for argument in ("x", "u") if argument not in read)
 
 
 @dataclass(frozen=True)
 class DynamicsView:
-    """Everything that the dynamics templates print."""
+    """Both single-track models of a car, as the dynamics templates print them."""
 
-    models: tuple[ModelView, ...]
-    functions: tuple[FunctionView, ...]
-    math_functions: tuple[str, ...]
-    math_text: str
-    speed_min: str
-    speed_min_text: str
+    config: Config
+    precision: Precision
 
+    speed_min = SPEED_MIN
+    models: ClassVar = {
+        "linear": "Time derivative of the state with linear tyres.",
+        "magic_formula": "Time derivative of the state with Magic Formula tyres at static wheel loads.",
+    }
+    """Name and comment of each model. It has the functions `<name>_derivative` and `<name>_jacobian`."""
 
-def function_view(function: Any, name: str, precision: Precision) -> FunctionView:
-    """Return a CasADi function as C text."""
-    body = function_body(function, precision)
-    text = "\n".join(body)
-    return FunctionView(
-        name=name,
-        outputs=tuple(ArrayView(function.name_out(k), function.nnz_out(k)) for k in range(function.n_out())),
-        body=tuple(body),
-        unused=tuple(argument for argument in ("x", "u") if f"{argument}[" not in text),
-    )
+    @functools.cached_property
+    def functions(self) -> tuple[FunctionView, ...]:
+        """The straight-line functions."""
+        linear, magic_formula = single_track(self.config, "linear"), single_track(self.config, "magic-formula")
+        return tuple(
+            FunctionView(f"{name}_{what}", function, self.precision)
+            for name, model in zip(self.models, (linear, magic_formula), strict=True)
+            for what, function in (("derivative", model.derivative), ("jacobian", model.jacobian))
+        )
 
-
-def library_functions(functions: tuple[FunctionView, ...]) -> tuple[str, ...]:
-    """Return the names of the mathematical functions that C bodies call, sorted."""
-    return tuple(
-        sorted({match.group(0)[:-1] for view in functions for line in view.body for match in _LIBRARY_CALL.finditer(line)})
-    )
-
-
-def dynamics_view(config: Config, precision: Precision) -> DynamicsView:
-    """Return the view of both single-track models of a car."""
-    models, functions = [], []
-    described: tuple[tuple[str, str, Model], ...] = (
-        ("linear", "Time derivative of the state with linear tyres.", single_track(config, "linear")),
-        (
-            "magic_formula",
-            "Time derivative of the state with Magic Formula tyres at static wheel loads.",
-            single_track(config, "magic-formula"),
-        ),
-    )
-    for name, comment, model in described:
-        derivative, jacobian = f"{name}_derivative", f"{name}_jacobian"
-        functions += [
-            function_view(model.derivative, derivative, precision),
-            function_view(model.jacobian, jacobian, precision),
-        ]
-        models.append(ModelView(name, comment, derivative, jacobian))
-    library = library_functions(tuple(functions))
-    return DynamicsView(
-        models=tuple(models),
-        functions=tuple(functions),
-        math_functions=library,
-        math_text=", ".join(library) if library else "none",
-        speed_min=literal(SPEED_MIN, precision),
-        speed_min_text=f"{SPEED_MIN:g} m/s",
-    )
+    @property
+    def math_functions(self) -> list[str]:
+        """Names of the mathematical functions that they call, sorted."""
+        return sorted(set().union(*(library_calls(each.function, self.precision) for each in self.functions)))
 
 
 CURVE_ERROR_MAX = 1e-3
@@ -132,58 +98,6 @@ ARGUMENT_MAX = 1000.0
 
 
 @dataclass(frozen=True)
-class CurveView:
-    """The table of one tyre's curve."""
-
-    name: str
-    NAME: str
-    title: str
-    cells: int
-    compression: str
-    compression_value: float
-    lines: tuple[str, ...]
-    values: tuple[float, ...]
-    error: float
-    error_text: str
-
-
-@dataclass(frozen=True)
-class ReferenceModelView:
-    """Everything that the templates of the reference model print."""
-
-    front: CurveView
-    rear: CurveView
-    arguments: FunctionView
-    change: FunctionView
-    period_text: str
-    speed_min: str
-    speed_min_text: str
-    rear_angle_max: str
-    sideslip_max: str
-    sideslip_text: str
-    yaw_rate_max: str
-    yaw_rate_text: str
-    lateral_acceleration_max: str
-    lateral_acceleration_text: str
-    actuator_share: str
-    actuator_step_max: str
-    rear_arm: str
-    per_axle: bool
-    is_relaxed: bool
-    relaxation_text: str
-    argument_max: str
-    front_argument: str
-    rear_argument: str
-
-    state: Mapping[str, str]
-
-    @property
-    def size(self) -> int:
-        """Numbers of the state that the step depends on, without the actuator."""
-        return 4 if self.is_relaxed else 2
-
-
-@dataclass(frozen=True)
 class Curve:
     """The curve of an axle at even steps of s = x/(x + compression), from x = 0 (s = 0) to infinity (s = 1).
 
@@ -198,6 +112,16 @@ class Curve:
     compression: float
     values: FloatArray
     error: float
+
+    @property
+    def cells(self) -> int:
+        """Number of its steps."""
+        return self.values.size - 1
+
+    @property
+    def error_text(self) -> str:
+        """The error, rounded up to two digits."""
+        return rounded_up(self.error)
 
 
 def tabulate(tyre: MagicFormulaTyre, loss: float = 0.0, where: str = "tyre") -> Curve:
@@ -234,45 +158,6 @@ def rounded_up(value: float) -> str:
     return f"{math.ceil(value / 10.0 ** (exponent - 1)) * 10.0 ** (exponent - 1):.1e}"
 
 
-def reference_model_view(config: Config, precision: Precision, *, per_axle: bool = False) -> ReferenceModelView:
-    """Return the view of a car's reference model, with `per_axle` for a friction of each axle."""
-    period = config.controller.sampling_time_s
-    model, tyres = single_track_step(config, period, per_axle=per_axle), AxleTyres.from_config(config)
-    losses = load_transfer_losses(config)
-    car, inputs, actuator = SingleTrack.from_config(config), config.controller.inputs, config.rear_actuator
-
-    def text(value: float) -> str:
-        return literal(value, precision)
-
-    return ReferenceModelView(
-        front=_curve_view(tyres.front, losses[0], "front", precision),
-        rear=_curve_view(tyres.rear, losses[1], "rear", precision),
-        arguments=function_view(model.arguments, "arguments_of", precision),
-        change=function_view(model.change, "change_of", precision),
-        period_text=f"{period * 1e3:g} ms",
-        speed_min=text(SPEED_MIN),
-        speed_min_text=f"{SPEED_MIN:.3g} m/s",
-        rear_angle_max=text(actuator.angle_max),
-        sideslip_max=text(SIDESLIP_MAX),
-        sideslip_text=f"{SIDESLIP_MAX:.3g} rad",
-        yaw_rate_max=text(math.radians(inputs.yaw_rate_max_deg_s)),
-        yaw_rate_text=f"{math.radians(inputs.yaw_rate_max_deg_s):.3g} rad/s",
-        lateral_acceleration_max=text(LATERAL_ACCELERATION_MAX),
-        lateral_acceleration_text=f"{LATERAL_ACCELERATION_MAX:g} m/s^2",
-        # A slow command waits for lag and bus alone, whatever the order of the actuator: 1/(share lag^2 s^2 + lag s + 1).
-        actuator_share=text(1.0 - math.exp(-period / (actuator.lag_s + config.driven_delay_samples * period))),
-        actuator_step_max=text(math.radians(actuator.rate_max_deg_s) * period),
-        rear_arm=text(car.rear_arm),
-        per_axle=per_axle,
-        is_relaxed=model.is_relaxed,
-        relaxation_text=f"{config.plant.relaxation_length_m:g} m",
-        argument_max=text(ARGUMENT_MAX),
-        front_argument=text(-tyres.front.stiffness_factor * car.front_slip_per_lateral_acceleration),
-        rear_argument=text(-tyres.rear.stiffness_factor * car.rear_slip_per_lateral_acceleration),
-        state={name: text(bound) for name, bound in model_state(config).items()},
-    )
-
-
 def model_state(config: Config) -> dict[str, float]:
     """Return the fields of the state of a car's reference model, with their bounds."""
     return {
@@ -284,17 +169,94 @@ def model_state(config: Config) -> dict[str, float]:
     }
 
 
-def _curve_view(tyre: MagicFormulaTyre, loss: float, name: str, precision: Precision) -> CurveView:
-    curve = tabulate(tyre, loss, f"tyre.{name}")
-    return CurveView(
-        name=name,
-        NAME=name.upper(),
-        title=f"{name.capitalize()} tyre",
-        cells=curve.values.size - 1,
-        compression=literal(curve.compression, precision),
-        compression_value=curve.compression,
-        lines=lines_of([literal(float(value), precision) for value in curve.values]),
-        values=tuple(float(value) for value in curve.values),
-        error=curve.error,
-        error_text=rounded_up(curve.error),
-    )
+@dataclass(frozen=True)
+class ReferenceModelView:
+    """A car's reference model, as its templates print it, in SI units; with `per_axle` for a friction of each axle."""
+
+    config: Config
+    precision: Precision
+    per_axle: bool = False
+
+    speed_min, sideslip_max = SPEED_MIN, SIDESLIP_MAX
+    lateral_acceleration_max, argument_max = LATERAL_ACCELERATION_MAX, ARGUMENT_MAX
+
+    @functools.cached_property
+    def _model(self) -> Any:
+        return single_track_step(self.config, self.config.controller.sampling_time_s, per_axle=self.per_axle)
+
+    @functools.cached_property
+    def _tyres(self) -> AxleTyres:
+        return AxleTyres.from_config(self.config)
+
+    @functools.cached_property
+    def _car(self) -> SingleTrack:
+        return SingleTrack.from_config(self.config)
+
+    @functools.cached_property
+    def curves(self) -> dict[str, Curve]:
+        """Curve of the tyres of each axle."""
+        losses = load_transfer_losses(self.config)
+        axles = {"front": self._tyres.front, "rear": self._tyres.rear}
+        return {name: tabulate(tyre, loss, f"tyre.{name}") for (name, tyre), loss in zip(axles.items(), losses, strict=True)}
+
+    @property
+    def is_relaxed(self) -> bool:
+        """Whether side forces follow the slip over a relaxation length."""
+        return bool(self._model.is_relaxed)
+
+    @functools.cached_property
+    def arguments(self) -> FunctionView:
+        """The arguments of the curves."""
+        return FunctionView("arguments_of", self._model.arguments, self.precision)
+
+    @functools.cached_property
+    def change(self) -> FunctionView:
+        """The change of the state in a step."""
+        return FunctionView("change_of", self._model.change, self.precision)
+
+    @property
+    def size(self) -> int:
+        """Numbers of the state that the step depends on, without the actuator."""
+        return 4 if self.is_relaxed else 2
+
+    @property
+    def state(self) -> dict[str, float]:
+        """Fields of the state, with their bounds."""
+        return model_state(self.config)
+
+    @property
+    def rear_angle_max(self) -> float:
+        """Largest angle of the actuator."""
+        return self.config.rear_actuator.angle_max
+
+    @property
+    def yaw_rate_max(self) -> float:
+        """Bound of the yaw rate."""
+        return math.radians(self.config.controller.inputs.yaw_rate_max_deg_s)
+
+    @property
+    def actuator_share(self) -> float:
+        """Share of the remaining way that the actuator covers in a sample."""
+        actuator, period = self.config.rear_actuator, self.config.controller.sampling_time_s
+        # A slow command waits for lag and bus alone, whatever the order of the actuator: 1/(share lag^2 s^2 + lag s + 1).
+        return 1.0 - math.exp(-period / (actuator.lag_s + self.config.driven_delay_samples * period))
+
+    @property
+    def actuator_step_max(self) -> float:
+        """Largest movement of the actuator in a sample."""
+        return math.radians(self.config.rear_actuator.rate_max_deg_s) * self.config.controller.sampling_time_s
+
+    @property
+    def rear_arm(self) -> float:
+        """Distance from centre of gravity to rear axle."""
+        return self._car.rear_arm
+
+    @property
+    def front_argument(self) -> float:
+        """Argument of the front curve per lateral acceleration."""
+        return -self._tyres.front.stiffness_factor * self._car.front_slip_per_lateral_acceleration
+
+    @property
+    def rear_argument(self) -> float:
+        """Argument of the rear curve per lateral acceleration."""
+        return -self._tyres.rear.stiffness_factor * self._car.rear_slip_per_lateral_acceleration

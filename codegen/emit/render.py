@@ -8,7 +8,7 @@ Templates print domain objects through the filters, so view models need not copy
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, pass_context
 from jinja2.runtime import Context
 
 from codegen.emit.parameters import Field, Parameter
-from codegen.emit.text import Precision, comment_text, initialiser
+from codegen.emit.text import Precision, comment_text, initialiser, lines_of
 from codegen.emit.text import literal as literal_text
 from codegen.errors import BuildError
 from codegen.units import Unit
@@ -59,6 +59,14 @@ def declaration(context: Context, member: Parameter | Field) -> str:
     """Return the declaration of a member of a struct."""
     size = f"[{context['build'].PREFIX}_{member.points}]" if isinstance(member, Parameter) and member.points else ""
     return f"{c_type(context, member.kind)} {member.name}{size};"
+
+
+@pass_context
+def lines(context: Context, values: Iterable[Any]) -> tuple[str, ...]:
+    """Return numbers as lines of C literals, several to a line; raw numbers of a table as they are."""
+    precision: Precision = context["precision"]
+    texts = (str(int(each)) if isinstance(each, np.integer) else literal_text(each, precision) for each in values)
+    return lines_of(list(texts))
 
 
 def hexadecimal(value: int, digits: int = 1) -> str:
@@ -104,6 +112,7 @@ FILTERS: Mapping[str, Callable[..., Any]] = {
     "decimal": decimal,
     "declaration": declaration,
     "hexadecimal": hexadecimal,
+    "lines": lines,
     "literal": literal,
     "unit": unit,
 }

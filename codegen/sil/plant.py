@@ -12,7 +12,7 @@ from typing import Any
 from codegen import configuration
 from codegen.configuration import Config
 from codegen.configuration.signals import RECORDED
-from codegen.emit.dynamics_view import function_view
+from codegen.emit.dynamics_view import FunctionView
 from codegen.emit.render import render
 from codegen.sil.compile import Library, compile_library
 from codegen.vehicle.dynamics import Model, two_track
@@ -132,8 +132,8 @@ def plant_sources(config: Config, model: Model | None = None) -> dict[str, bytes
             "states": model.states,
             "inputs": model.inputs,
             "outputs": model.outputs,
-            "derivative": function_view(model.derivative, "derivative", "double"),
-            "output": function_view(model.output, "output", "double"),
+            "derivative": FunctionView("derivative", model.derivative, "double"),
+            "output": FunctionView("output", model.output, "double"),
         },
     }
     return {name: render(f"sil/{name}.j2", context) for name in ("plant.h", "plant.c")}

@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from codegen.arrays import FloatArray
-from codegen.emit.dynamics_view import LATERAL_ACCELERATION_MAX, SIDESLIP_MAX, reference_model_view, tabulate
+from codegen.emit.dynamics_view import LATERAL_ACCELERATION_MAX, SIDESLIP_MAX, ReferenceModelView, tabulate
 from codegen.errors import BuildError
 from codegen.vehicle.dynamics import single_track
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
@@ -110,7 +110,7 @@ def test_the_rear_angle_of_the_model_waits_for_lag_and_bus() -> None:
     shares = []
     for delay in (0, 1, 20):
         config = CONFIG.replace({"plant.command_delay_samples": delay})
-        shares.append(float(reference_model_view(config, "double").actuator_share))
+        shares.append(ReferenceModelView(config, "double").actuator_share)
         assert SecondReferenceModel(config, np.float64).share == shares[-1]
     assert shares == pytest.approx([1.0 - math.exp(-period / (lag + late * period)) for late in (1, 1, 20)], rel=1e-15)
     assert shares[0] == shares[1]
