@@ -19,7 +19,7 @@ from codegen.verify.law.task import SecondTask
 from hil_sim.codec import DIAGNOSTICS, Codec, Frame, RearSteerCommand, VehicleConditions, VehicleMotion
 from hil_sim.e2e import E2eState, next_counter, protect
 from tests.builds import SPEED, Built
-from tests.sil.checks_kinds import model_of, parameters_of
+from tests.sil.checks_kinds import OPEN, model_of, parameters_of
 
 STARTS, CYCLES = 20, 140
 """Starts of the task, and cycles after each."""
@@ -270,82 +270,170 @@ def check_inhibit_for_good(built: Built) -> None:
     assert status(False) in followed
 
 
-def check_command_stays_near_wheels(built: Built) -> None:
-    """Check a command that does not reach the wheels: a return to zero starts from them, waits, and goes on with them; under
-    control it goes no farther out; conditions that return tell where to start."""
-    code = 1.0 / 20000
-    tolerance, held, share = 80 * code, 600 * code, 0.2
-    changes = {"actuator_error_max": tolerance, "actuator_share": share, "actuator_samples_max": 20}
-    parameters = parameters_of(built, changes)
-    step, largest_step = (
-        rate * built.software.config.controller.sampling_time_s
-        for rate in (parameters.fail_safe_rate, parameters.limiter.rear_rate_max)
-    )
-    task, cycle = _on_bus(built, parameters)
+CODE_RAD = 1.0 / 20000
+"""A code of the rear angle on the bus."""
+HELD = 600 * CODE_RAD
+TOLERANCE, SHARE = 80 * CODE_RAD, 0.2
+"""Rear angle at which control ends, tolerated difference and actuator share of the checks below."""
 
-    def run(wheels: float, *lacks: int) -> float:
+
+class _Wheels:
+    """A task at SPEED whose rear wheels are where a check puts them, with the change of a return to zero in a sample, rad."""
+
+    def __init__(self, built: Built, **changes: Any) -> None:
+        actuator = {"actuator_error_max": TOLERANCE, "actuator_share": SHARE, "actuator_samples_max": 20}
+        self.parameters = parameters_of(built, {**actuator, **changes})
+        self.period = built.software.config.controller.sampling_time_s
+        self.step = self.parameters.fail_safe_rate * self.period
+        task, self._cycle = _on_bus(built, self.parameters)
+        self.state = task.state
+
+    def run(self, wheels: float, *lacks: int, front_angle: float = 0.0) -> float:
         """Return the command of a sample with the wheels at an angle, both in rad. `lacks`: places of lost messages."""
-        return cycle(VehicleMotion(SPEED, 0.0, 0.0), VehicleConditions(wheels), *lacks).rear_angle
+        return self._cycle(VehicleMotion(SPEED, front_angle, 0.0), VehicleConditions(wheels), *lacks).rear_angle
 
-    def near(angle: float, other: float) -> bool:
-        # Beside the tolerance: the remaining angle of a ramp at this share, three times; a sample of delay; two roundings.
-        return abs(angle - other) <= tolerance + 3.0 * (1.0 - share) / share * step + 2.0 * step + code
-
-    def until(reached: Callable[[], bool], *lacks: int, wheels: float | None = None) -> float:
+    def until(self, reached: Callable[[], bool], *lacks: int, wheels: float | None = None) -> float:
         """Run samples until a condition holds, with the wheels at an angle in rad or where the last command was."""
         angle = 0.0
         for _ in range(1000):
             if reached():
                 return angle
-            angle = run((0.0 if math.isnan(angle) else angle) if wheels is None else wheels, *lacks)
+            angle = self.run((0.0 if math.isnan(angle) else angle) if wheels is None else wheels, *lacks)
         raise AssertionError("not reached")
 
-    state = task.state
+    def put(self, angle: float) -> None:
+        """Put command and expected angle to an angle in rad."""
+        state = self.state
+        state.controller.rear_angle = state.controller.limiter.rear_angle = state.expected_angle = angle
 
-    def release(side: float) -> None:
-        """End control with command and wheels held at an angle on a side."""
+    def release(self, angle: float) -> None:
+        """End control with command and wheels held at an angle in rad."""
 
         def is_released() -> bool:
-            state.controller.rear_angle = state.controller.limiter.rear_angle = state.expected_angle = side * held
-            return not state.controller.enabled
+            self.put(angle)
+            return not self.state.controller.enabled
 
-        until(lambda: state.controller.enabled)
-        until(is_released, 0, wheels=side * held)
+        self.until(self.is_enabled)
+        self.until(is_released, 0, wheels=angle)
 
-    release(1.0)
-    waits = [run(held, 0) for _ in range(int(held / step))]
-    assert waits[0] < held and near(waits[-1], held) and waits[-1] == waits[-2] != held
-    angle = run(held - 30 * code, 0)
-    assert abs(angle - (held - 30 * code)) <= code, "it goes on from wheels that move"
-    until(lambda: state.controller.rear_angle == 0.0, 0)
+    def is_enabled(self) -> bool:
+        """Return whether the controller runs."""
+        return bool(self.state.controller.enabled)
+
+    def is_straight(self) -> bool:
+        """Return whether the command is zero."""
+        return bool(self.state.controller.rear_angle == 0.0)
+
+
+def check_command_stays_near_wheels(built: Built) -> None:
+    """Check a command that does not reach the wheels: a return to zero waits for them and goes on with them; under control it
+    goes no farther out; conditions that return tell where to start."""
+    drive = _Wheels(built)
+    state, run, until, step = drive.state, drive.run, drive.until, drive.step
+    largest_step = drive.parameters.limiter.rear_rate_max * drive.period
+
+    def near(angle: float, other: float) -> bool:
+        # Beside the tolerance: the remaining angle of a ramp at this share, three times; a sample of delay; two roundings.
+        return abs(angle - other) <= TOLERANCE + 3.0 * (1.0 - SHARE) / SHARE * step + 2.0 * step + CODE_RAD
+
+    drive.release(HELD)
+    waits = [run(HELD, 0) for _ in range(int(HELD / step))]
+    assert waits[0] < HELD and near(waits[-1], HELD) and waits[-1] == waits[-2] != HELD
+    angle = run(HELD - 30 * CODE_RAD, 0)
+    assert abs(angle - (HELD - 30 * CODE_RAD)) <= CODE_RAD, "it goes on from wheels that move"
+    until(drive.is_straight, 0)
     for side in (1.0, -1.0):
-        release(side)
-        waits = [run(side * wheels, 0) for wheels in (held, *[1.4 * held] * int(held / step))]
+        drive.release(side * HELD)
+        waits = [run(side * wheels, 0) for wheels in (HELD, *[1.4 * HELD] * int(HELD / step))]
         assert waits[-1] == waits[-2]
-        assert abs(run(side * 1.2 * held, 0) - side * held) <= step + code, "but no farther out than control ended"
-        until(lambda: state.controller.rear_angle == 0.0, 0)
-    release(1.0)
-    waits = [run(held, 0) for _ in range(round(WHEELS_WAIT_S / built.software.config.controller.sampling_time_s))]
+        assert abs(run(side * 1.2 * HELD, 0) - side * HELD) <= step + CODE_RAD, "but no farther out than control ended"
+        until(drive.is_straight, 0)
+    drive.release(HELD)
+    waits = [run(HELD, 0) for _ in range(round(WHEELS_WAIT_S / drive.period))]
     assert waits[-1] == waits[len(waits) // 2], "it waits all the time"
-    assert until(lambda: state.controller.rear_angle == 0.0, 0, wheels=held) == 0.0, "and then goes on alone"
+    assert until(drive.is_straight, 0, wheels=HELD) == 0.0, "and then goes on alone"
     assert state.waited_samples == len(waits)
-    until(lambda: state.controller.enabled)
-    stuck = [run(held) for _ in range(200)]
-    assert state.is_stuck and all(abs(each) <= code for each in stuck[-50:])
+    until(drive.is_enabled)
+    stuck = [run(HELD) for _ in range(200)]
+    assert state.is_stuck and all(abs(each) <= CODE_RAD for each in stuck[-50:])
     for side in (1.0, -1.0):  # neither the law nor a jump takes it farther out
-        state.controller.rear_angle = state.controller.limiter.rear_angle = side * held
-        assert 0.0 <= side * run(side * 3.0 * held) <= held + code
+        state.controller.rear_angle = state.controller.limiter.rear_angle = side * HELD
+        assert 0.0 <= side * run(side * 3.0 * HELD) <= HELD + CODE_RAD
     until(lambda: not state.is_stuck)
     until(lambda: state.conditions_input.supervision.state != E2eState.VALID, 1, wheels=0.0)
-    angle = until(lambda: state.conditions_input.supervision.state == E2eState.VALID, wheels=held)
-    assert abs(angle - held) <= largest_step + code
-    until(lambda: state.controller.enabled)
-    run(held)
+    angle = until(lambda: state.conditions_input.supervision.state == E2eState.VALID, wheels=HELD)
+    assert abs(angle - HELD) <= largest_step + CODE_RAD
+    until(drive.is_enabled)
+    run(HELD)
     for _ in range(300):
-        run(held, 0, 1)
+        run(HELD, 0, 1)
     assert math.isnan(run(math.nan))
     angle = until(lambda: state.supervision.has_command, wheels=math.nan)
-    assert abs(angle - held) <= largest_step + code, "after a silence, from the last measured angle"
+    assert abs(angle - HELD) <= largest_step + CODE_RAD, "after a silence, from the last measured angle"
+
+
+def check_start_of_the_return(built: Built) -> None:
+    """Check that a return to zero starts from the farther out of command and measured angle; while wheels deviate as control
+    ends, the command does not go out to them."""
+    drive = _Wheels(built)
+    for side in (1.0, -1.0):
+        for ahead in (40, -40):
+            drive.release(side * HELD)
+            angle = side * drive.run(side * HELD + side * ahead * CODE_RAD, 0)
+            start = HELD + max(ahead * CODE_RAD, -drive.step)  # the command has gone one step already
+            assert abs(angle - (start - drive.step)) <= CODE_RAD, (side, ahead)
+            drive.until(drive.is_straight, 0)
+        drive.until(drive.is_enabled)
+        wheels, angle = 0.9 * HELD, 0.0
+        while drive.is_enabled():
+            drive.put(side * 0.25 * HELD)
+            drive.state.start_angle = side * HELD
+            angle, wheels = side * drive.run(side * wheels, 0), wheels - 30 * CODE_RAD
+        assert 0.0 < angle <= 0.25 * HELD + CODE_RAD
+        drive.until(drive.is_straight, 0, wheels=0.0)
+
+
+def check_wheels_that_follow_again(built: Built) -> None:
+    """Check that the difference that is taken off when control ends is dropped when the angle is right again: the return does
+    not wait then."""
+    drive = _Wheels(built)
+    for side in (1.0, -1.0):
+        drive.release(side * HELD)
+        drive.run(-side * HELD, 0)
+        assert side * drive.state.angle_offset < -HELD
+        before = float(drive.state.controller.rear_angle)
+        for _ in range(5):
+            drive.run(float(drive.state.expected_angle), 0)
+            assert drive.state.angle_offset == 0.0
+        moved = side * (before - float(drive.state.controller.rear_angle))
+        assert abs(moved - 5.0 * drive.step) <= 5.0 * built.eps * HELD
+        drive.until(drive.is_straight, 0)
+
+
+def check_command_goes_out_to_wheels(built: Built) -> None:
+    """Check that under control a command goes out to wheels that do not follow it, and no farther; it stays at zero if they are
+    on the other side."""
+    drive = _Wheels(built, inputs=OPEN)
+    for side in (1.0, -1.0):
+        angle, front_angle = 0.0, side * 0.05
+        drive.until(drive.is_enabled)
+        for _ in range(50):
+            angle = drive.run(angle, front_angle=front_angle)
+        demand = angle
+        assert abs(demand) > 4.0 * TOLERANCE
+        for wheels in (0.5 * demand, -0.5 * demand):
+            drive.put(0.0)
+            found = [0.0]
+            for _ in range(30):
+                found.append(math.copysign(1.0, demand) * drive.run(wheels, front_angle=front_angle))
+                if drive.state.deviates or drive.state.is_stuck:
+                    farthest = max(found[-2], math.copysign(wheels, wheels * demand), 0.0)
+                    assert found[-1] <= farthest + CODE_RAD
+            if wheels * demand > 0.0:
+                assert max(found) >= abs(wheels) - TOLERANCE
+            else:
+                assert max(found) <= CODE_RAD
+        drive.until(lambda: not drive.state.is_stuck, wheels=0.0)
 
 
 def check_replaced_in_standby(built: Built) -> None:

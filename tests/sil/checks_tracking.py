@@ -170,6 +170,22 @@ def check_tracking_sideslip(built: Built) -> None:
         assert abs(unit.state.sideslip - side * math.radians(20.0)) <= built.eps
 
 
+def check_tracking_sideslip_without_yaw_rate(built: Built) -> None:
+    """Check that the sideslip is that of the model while the yaw rate is replaced, from the first sample to the last."""
+    period = config_of(built).controller.sampling_time_s
+    for side in BOTH:
+        controller = _running(built)
+        inputs, law = controller.parameters.inputs, controller.state.law
+        lost = [Measurement(SPEED, 0.0, math.nan)] * (inputs.missing_samples_max + 3)
+        samples = [*lost, *[Measurement(SPEED, 0.0, 0.0)] * inputs.recovery_samples]
+        for number, sample in enumerate(samples):
+            law.sideslip, law.model.sideslip_angle = side * 0.1, side * 0.02
+            controller.step(sample)
+            is_replaced = inputs.missing_samples_max <= number < len(samples) - 1
+            expected = 0.02 if is_replaced else 0.1 - period * 0.4 * 0.08
+            assert abs(law.sideslip - side * expected) <= 2.0 * built.eps * 0.1, number
+
+
 REFERENCE_CASES: dict[str, tuple[dict[str, float], float, float, float]] = {
     "the model": ({}, 8.0, 0.0, 0.4),
     "turn, lead and margin": ({}, 4.0, 0.0, (4.0 + 0.4 + 0.16) / 16.0),

@@ -369,15 +369,16 @@ class FrameUnits(Conditions):
     def _near_wheels(self) -> Iterator[Claim]:
         """Yield that the command stays near wheels which it does not move; the code's own expressions make it exact."""
         unknown, zero = f"{self._restarts} || !{self._known}", self.number(0.0)
-        ahead = f"((({_WHEELS} > {zero}) == ({_BEFORE} > {zero})) && (magnitude_of({_WHEELS}) > magnitude_of({_ANGLE})))"
+        sides = (f"(({_WHEELS} {order} {zero}) && ({_BEFORE} {order} {zero}))" for order in "><")
+        ahead = f"(({' || '.join(sides)}) && (magnitude_of({_WHEELS}) > magnitude_of({_ANGLE})))"
         is_due = "(self->waited_samples > self_before->waited_samples)"
         waits = f"!(!{_ENABLED} && self->deviates && {is_due} && {ahead})"
         held = f"(magnitude_of({_ANGLE}) >= magnitude_of({_BEFORE})) || ({self.shrinks('self->start_angle', _ANGLE)})"
         yield Claim("a return to zero waits for wheels that do not follow", f"{unknown} || {waits} || {held}")
         for words, order in (("left", ">"), ("right", "<")):
-            out = f"({_ANGLE} {order} {zero}) && ({_ANGLE} {order} {_BEFORE})"
+            out = " && ".join(f"({_ANGLE} {order} {each})" for each in (zero, _BEFORE, _MEASURED))
             claim = f"{unknown} || !{_ENABLED} || !(self->deviates || self->is_stuck) || !({out})"
-            yield Claim(f"wheels that do not follow get no command farther out to the {words} than before", claim)
+            yield Claim(f"wheels that do not follow get no command farther out to the {words} than before or than they are", claim)
 
     def _returning(self) -> str:
         """Return the largest change in a sample at the lower one of two rates."""

@@ -155,12 +155,12 @@ class SecondTask:
             command = self._rest()
         elif Cause.ANGLE_UNKNOWN not in found or self._measured is not None:
             command = self._controller.step(sample)
-        if measured is not None and self._is_plausible(measured):
-            command = self._near_wheels(command, last, measured)
-            self._measured = measured
         self._released = ran and not self._controller.runs
         if ran != self._controller.runs:
             self._start_angle, self._offset, self._waited = self._controller.angle, self._controller.real(0.0), 0
+        if measured is not None and self._is_plausible(measured):
+            command = self._near_wheels(command, last, measured)
+            self._measured = measured
         found |= self._causes_of_controller(command.status)
         self._state = next_state(self._state, min(found))
         diagnostics |= self._of_controller(is_good, command.status)
@@ -206,12 +206,16 @@ class SecondTask:
         self._deviates = False
         if measured is not None:
             distance = abs(command - self._expected)
-            error = (real(measured) - self._offset) - self._expected
-            self._deviates = bool(abs(error) > real(self.parameters.actuator_error_max) + (distance + distance))
+            tolerance = real(self.parameters.actuator_error_max) + (distance + distance)
+            if abs(real(measured) - self._expected) <= tolerance:
+                self._offset = real(0.0)
+            error = (real(measured) - self._expected) - self._offset
+            self._deviates = bool(abs(error) > tolerance)
             starts &= self._is_plausible(measured)
+            leads = self._deviates and returns or self._released and abs(real(measured)) > abs(command)
             if starts and self._released and self._deviates:
                 self._offset, self._deviates = error, False
-            elif starts and (self._released or (self._deviates and returns)) and not self._is_stuck:
+            elif starts and leads and not self._is_stuck:
                 self._place(measured)
             elif not self._deviates:
                 self._samples_off = max(self._samples_off - 1, 0)
@@ -223,12 +227,13 @@ class SecondTask:
         return _BITS["ACTUATOR_STUCK"] if self._is_stuck else 0
 
     def _near_wheels(self, command: Command, last: Any, measured: float) -> Command:
-        """Return the command near wheels that it does not reach, never farther out than the law's or the last one."""
+        """Return the command near wheels that it does not reach: never farther out than the law's, the last one and the wheels."""
         parameters, real, angle = self.parameters, self._controller.real, self._controller.angle
-        kept, zero = real(measured) - self._offset, real(0.0)
+        measured, zero = real(measured), real(0.0)
+        kept = measured - self._offset
         if self._controller.runs:
             if self._deviates or self._is_stuck:
-                angle = max(min(angle, max(last, zero)), min(last, zero))
+                angle = max(min(angle, max(last, measured, zero)), min(last, measured, zero))
         elif self._deviates and self._waits(kept, last):
             moved, bound = abs(real(self._measured or 0.0) - self._offset) - abs(kept), abs(self._start_angle)
             has_moved = moved > real(parameters.actuator_share) * real(parameters.actuator_error_max)
@@ -241,7 +246,7 @@ class SecondTask:
 
     def _waits(self, wheels: Any, last: Any) -> bool:
         """Return whether a return to zero waits for wheels on the side of the last command, farther out than this one."""
-        is_ahead = (wheels > 0.0) == (last > 0.0) and abs(wheels) > abs(self._controller.angle)
+        is_ahead = bool(wheels * last > 0.0) and abs(wheels) > abs(self._controller.angle)
         return bool(is_ahead and self._waited < max(int(WHEELS_WAIT_S / float(self._controller.period) + 1e-6), 1))
 
     def _place(self, angle: float) -> None:

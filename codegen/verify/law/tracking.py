@@ -272,6 +272,8 @@ class SecondTracking(SecondController):
 
     def law(self, m: Measurement) -> tuple[Any, bool]:
         sample, share, speed = self.look(m), self.feedback_share(m), self.model_speed(m)
+        if not self.inputs.yaw_rate.is_measured:
+            self.sideslip = self.state[0]
         outward = self.observe(m)
         reference = followed = self.reachable_yaw_rate(sample, m, outward)
         if not share > 0.0:
