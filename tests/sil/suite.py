@@ -114,7 +114,7 @@ def _drives(kind: Kind) -> list[Judge]:
     def drive(case: Case, changes: dict[str, Any], index: int) -> answers.Drive:
         course = {"speed_amplitude": 24.0, "steering_samples": 90.0} if index % 2 else {}
         return answers.answers_of_drive(
-            case.built, _resized(case, changes), case.samples(2500, least=1000), index + 1, **course
+            case.built, _resized(case, changes), case.samples(2500, least=1200), index + 1, **course
         )
 
     def check(case: Case, known: Iterable[answers.Drive]) -> None:

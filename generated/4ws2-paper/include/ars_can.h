@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0xBEA04D43u
+#define ARS_CAN_BUILD 0xDAF0EFB8u
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

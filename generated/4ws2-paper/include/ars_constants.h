@@ -14,7 +14,7 @@
 extern "C" {
 #endif
 
-#define ARS_CONSTANTS_BUILD 0xBEA04D43u
+#define ARS_CONSTANTS_BUILD 0xDAF0EFB8u
 
 typedef struct {
     float lateral_acceleration_cap; /* m/s^2, largest steady lateral acceleration that the constraints allow */

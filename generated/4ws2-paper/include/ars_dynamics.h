@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0xBEA04D43u
+#define ARS_DYNAMICS_BUILD 0xDAF0EFB8u
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0xBEA04D43u
+#define ARS_INPUTS_BUILD 0xDAF0EFB8u
 
 /* Measurements of one sample. A value that is not available is NaN. */
 typedef struct {

@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0xBEA04D43u
+#define ARS_LIMITER_BUILD 0xDAF0EFB8u
 
 enum { ARS_LIMITER_POINTS = 6 };
 

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0xBEA04D43u
+#define ARS_MAP_BUILD 0xDAF0EFB8u
 
 /* Numbers of breakpoints. */
 enum {

@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0xBEA04D43u
+#if ARS_CHECKSUM_BUILD != 0xDAF0EFB8u
 #error "ars_checksum.h and this source come from different builds"
 #endif
 

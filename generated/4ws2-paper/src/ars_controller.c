@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0xBEA04D43u
+#if ARS_CONTROLLER_BUILD != 0xDAF0EFB8u
 #error "ars_controller.h and this source come from different builds"
 #endif
 
@@ -94,9 +94,9 @@ ARS_SECTION_CODE static void control(
 {
     const ars_measurement_t *const sample = &self->sample;
     const float friction = known_friction(parameters, sample->friction);
-    const ars_law_output_t output
-        = ars_law_step(&self->law, parameters, sample, phase, friction, self->rear_angle, self->yaw_rate_error);
+    ars_law_output_t output;
 
+    output = ars_law_step(&self->law, parameters, sample, phase, friction, self->rear_angle, self->yaw_rate_error);
     self->rear_angle = output.rear_angle;
     self->yaw_rate_reference = output.yaw_rate_reference;
     if (phase != ARS_LAW_PREDICTS) {

@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0xBEA04D43u
+#if ARS_DYNAMICS_BUILD != 0xDAF0EFB8u
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

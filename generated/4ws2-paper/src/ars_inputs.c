@@ -11,7 +11,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_INPUTS_BUILD != 0xBEA04D43u
+#if ARS_INPUTS_BUILD != 0xDAF0EFB8u
 #error "ars_inputs.h and this source come from different builds"
 #endif
 

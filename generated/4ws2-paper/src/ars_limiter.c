@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_LIMITER_BUILD != 0xBEA04D43u
+#if ARS_LIMITER_BUILD != 0xDAF0EFB8u
 #error "ars_limiter.h and this source come from different builds"
 #endif
 

@@ -19,10 +19,10 @@
 #include "ars_map.h"
 #include "ars_task.h"
 
-#if ARS_MAP_BUILD != 0xBEA04D43u
+#if ARS_MAP_BUILD != 0xDAF0EFB8u
 #error "ars_map.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0xBEA04D43u
+#if ARS_TASK_BUILD != 0xDAF0EFB8u
 #error "ars_task.h and this source come from different builds"
 #endif
 

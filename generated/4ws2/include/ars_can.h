@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0xF3AC5492u
+#define ARS_CAN_BUILD 0x9DDD958Du
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

@@ -14,7 +14,7 @@
 extern "C" {
 #endif
 
-#define ARS_CONSTANTS_BUILD 0xF3AC5492u
+#define ARS_CONSTANTS_BUILD 0x9DDD958Du
 
 typedef struct {
     float lateral_acceleration_cap; /* m/s^2, largest steady lateral acceleration that the constraints allow */

@@ -14,7 +14,7 @@
 
 #include "ars_parameters.h"
 
-#if ARS_PARAMETERS_BUILD != 0xF3AC5492u
+#if ARS_PARAMETERS_BUILD != 0x9DDD958Du
 #error "ars_parameters.h and this source come from different builds"
 #endif
 
@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_GRIP_BUILD 0xF3AC5492u
+#define ARS_GRIP_BUILD 0x9DDD958Du
 
 /* State between two samples. Private: read it in a debugger, change it only through the functions below. */
 typedef struct {

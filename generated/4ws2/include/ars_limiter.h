@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0xF3AC5492u
+#define ARS_LIMITER_BUILD 0x9DDD958Du
 
 enum { ARS_LIMITER_POINTS = 6 };
 

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0xF3AC5492u
+#define ARS_MAP_BUILD 0x9DDD958Du
 
 /* Numbers of breakpoints. */
 enum {

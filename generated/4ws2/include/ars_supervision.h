@@ -27,7 +27,7 @@
 
 #include "ars_controller.h"
 
-#if ARS_CONTROLLER_BUILD != 0xF3AC5492u
+#if ARS_CONTROLLER_BUILD != 0x9DDD958Du
 #error "ars_controller.h and this source come from different builds"
 #endif
 
@@ -35,7 +35,7 @@
 extern "C" {
 #endif
 
-#define ARS_SUPERVISION_BUILD 0xF3AC5492u
+#define ARS_SUPERVISION_BUILD 0x9DDD958Du
 
 /* State of the supervision. */
 typedef enum {

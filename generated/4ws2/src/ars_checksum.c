@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0xF3AC5492u
+#if ARS_CHECKSUM_BUILD != 0x9DDD958Du
 #error "ars_checksum.h and this source come from different builds"
 #endif
 

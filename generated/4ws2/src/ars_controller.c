@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0xF3AC5492u
+#if ARS_CONTROLLER_BUILD != 0x9DDD958Du
 #error "ars_controller.h and this source come from different builds"
 #endif
 
@@ -124,10 +124,13 @@ ARS_SECTION_CODE static void control(
 {
     const ars_measurement_t *const sample = &self->sample;
     const float friction = ars_grip_friction(&self->grip, parameters, sample->friction);
-    const ars_law_output_t output
-        = ars_law_step(&self->law, parameters, sample, phase, friction, self->rear_angle, self->yaw_rate_error);
+    ars_law_output_t output;
     bool is_slowed = false;
 
+    if (self->inputs.yaw_rate.source != ARS_SIGNAL_MEASURED) { /* nothing shows the sideslip */
+        self->law.sideslip = self->law.model.sideslip_angle;
+    }
+    output = ars_law_step(&self->law, parameters, sample, phase, friction, self->rear_angle, self->yaw_rate_error);
     if (sample->speed < (3.0f * parameters->slow_speed)) {
         const float angle = within_step(output.rear_angle, self->rear_angle, slow_step(parameters, sample->speed));
 

@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0xF3AC5492u
+#if ARS_DYNAMICS_BUILD != 0x9DDD958Du
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

@@ -9,10 +9,10 @@
 #include "ars_constants.h"
 #include "ars_sections.h"
 
-#if ARS_CONSTANTS_BUILD != 0xF3AC5492u
+#if ARS_CONSTANTS_BUILD != 0x9DDD958Du
 #error "ars_constants.h and this source come from different builds"
 #endif
-#if ARS_GRIP_BUILD != 0xF3AC5492u
+#if ARS_GRIP_BUILD != 0x9DDD958Du
 #error "ars_grip.h and this source come from different builds"
 #endif
 

@@ -11,7 +11,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_INPUTS_BUILD != 0xF3AC5492u
+#if ARS_INPUTS_BUILD != 0x9DDD958Du
 #error "ars_inputs.h and this source come from different builds"
 #endif
 

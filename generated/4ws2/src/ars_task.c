@@ -8,19 +8,19 @@
 
 #include "ars_sections.h"
 
-#if ARS_CAN_BUILD != 0xF3AC5492u
+#if ARS_CAN_BUILD != 0x9DDD958Du
 #error "ars_can.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0xF3AC5492u
+#if ARS_CONTROLLER_BUILD != 0x9DDD958Du
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_E2E_BUILD != 0xF3AC5492u
+#if ARS_E2E_BUILD != 0x9DDD958Du
 #error "ars_e2e.h and this source come from different builds"
 #endif
-#if ARS_SUPERVISION_BUILD != 0xF3AC5492u
+#if ARS_SUPERVISION_BUILD != 0x9DDD958Du
 #error "ars_supervision.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0xF3AC5492u
+#if ARS_TASK_BUILD != 0x9DDD958Du
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -302,14 +302,21 @@ ARS_SECTION_CODE static void start_from(ars_task_t *self, float rear_angle)
     self->deviates = false;
 }
 
+/* Return whether an angle is farther out than another. */
+ARS_SECTION_CODE static bool is_outer(float angle, float other)
+{
+    return magnitude(angle) > magnitude(other);
+}
+
 /* Check that the measured rear angle follows the previous commands with the lag of the actuator. The tolerance grows by twice the
  * remaining angle, which covers twice the nominal lag and two samples of delay. An angle that is not measured (NaN) counts as no
  * difference. The count rises only under control. A stuck actuator must follow for as many samples in a row: its angle and that of the
  * command cross again and again.
  *
- * When control ends, the return to zero starts from the measured angle if it is the expected one. If it is not, sensor, actuator or bus
- * is at fault: the difference is taken off, so that a wrong sensor cannot turn the wheels. was_valid: the conditions, in the call
- * before. When they return with another angle, commands may have been lost with them, and the command starts from that angle. */
+ * When control ends, the return to zero starts from the command, or from the measured angle if that is farther out. If the measured angle
+ * is not the expected one, sensor, actuator or bus is at fault. The difference is then taken off until the angle is the expected one
+ * again, so that a wrong sensor cannot turn the wheels. was_valid: the conditions, in the call before. When they return with another
+ * angle, commands may have been lost with them, and the command starts from that angle. */
 ARS_SECTION_CODE static uint32_t check_actuator(ars_task_t *self, bool is_measured, bool was_valid)
 {
     const ars_parameters_t *parameters = self->parameters;
@@ -320,15 +327,20 @@ ARS_SECTION_CODE static uint32_t check_actuator(ars_task_t *self, bool is_measur
     const float expected = (magnitude(lagged_angle) <= plausible_angle_max) ? lagged_angle : command;
     const float remaining_angle = magnitude(command - expected);
     const float tolerance = parameters->actuator_error_max + (remaining_angle + remaining_angle);
-    const float angle_error = (self->conditions.rear_angle - self->angle_offset) - expected;
+    float angle_error = self->conditions.rear_angle - expected;
     uint32_t samples = self->actuator_samples;
 
     self->expected_angle = expected;
+    if (self->conditions_input.usable && (magnitude(angle_error) <= tolerance)) {
+        self->angle_offset = 0.0f; /* the angle is right: the wheels did not follow for a while */
+    }
+    angle_error -= self->angle_offset;
     self->deviates = self->conditions_input.usable && (magnitude(angle_error) > tolerance);
     if (is_measured && self->released && self->deviates) {
         self->angle_offset = angle_error;
         self->deviates = false;
-    } else if (is_measured && (self->released || (self->deviates && !was_valid)) && !self->is_stuck) {
+    } else if (is_measured && !self->is_stuck
+               && ((self->released && is_outer(self->conditions.rear_angle, command)) || (self->deviates && !was_valid))) {
         start_from(self, self->conditions.rear_angle);
     } else if (self->deviates) {
         if (self->is_stuck) {
@@ -445,17 +457,23 @@ ARS_SECTION_CODE static bool is_inhibited_for_good(ars_task_t *self)
     return self->inhibited_samples > self->parameters->inhibit_samples_max;
 }
 
-/* Command for wheels that do not follow: no farther out than before, so that they find it near when they do. */
-ARS_SECTION_CODE static float no_farther_out(float rear_angle, float last)
+/* Command for wheels that do not follow: no farther out than before or than they are, so that they find it near when they do. */
+ARS_SECTION_CODE static float no_farther_out(float rear_angle, float last, float wheels)
 {
     float result = rear_angle;
 
-    if ((rear_angle > 0.0f) && (rear_angle > last)) {
-        result = (last > 0.0f) ? last : 0.0f;
-    } else if ((rear_angle < 0.0f) && (rear_angle < last)) {
-        result = (last < 0.0f) ? last : 0.0f;
+    if (rear_angle > 0.0f) {
+        const float farthest = (wheels > last) ? wheels : last;
+
+        if (rear_angle > farthest) {
+            result = (farthest > 0.0f) ? farthest : 0.0f;
+        }
     } else {
-        /* on its way back */
+        const float farthest = (wheels < last) ? wheels : last;
+
+        if (rear_angle < farthest) {
+            result = (farthest < 0.0f) ? farthest : 0.0f;
+        }
     }
     return result;
 }
@@ -468,17 +486,16 @@ ARS_SECTION_CODE static float wait_for_wheels(
 {
     const ars_parameters_t *parameters = self->parameters;
     const float wheels = self->conditions.rear_angle - self->angle_offset;
-    const bool is_same_side = (wheels > 0.0f) == (last > 0.0f);
+    const bool is_same_side = ((wheels > 0.0f) && (last > 0.0f)) || ((wheels < 0.0f) && (last < 0.0f));
     float result = rear_angle;
 
-    if (is_same_side && (magnitude(wheels) > magnitude(rear_angle))) {
+    if (is_same_side && is_outer(wheels, rear_angle)) {
         /* An actuator that gets commands goes at least that share of the way in a sample. */
         const float move_min = parameters->actuator_share * parameters->actuator_error_max;
         const bool has_moved = (magnitude(measured_before - self->angle_offset) - magnitude(wheels)) > move_min;
-        const float largest = magnitude(self->start_angle);
 
         self->waited_samples++;
-        result = (has_moved && (largest > magnitude(last))) ? bounded(wheels, largest) : last;
+        result = (has_moved && is_outer(self->start_angle, last)) ? bounded(wheels, magnitude(self->start_angle)) : last;
     }
     return result;
 }
@@ -491,7 +508,7 @@ ARS_SECTION_CODE static void stay_near_wheels(
 
     if (self->controller.enabled) {
         if (self->deviates || self->is_stuck) {
-            rear_angle = no_farther_out(rear_angle, last);
+            rear_angle = no_farther_out(rear_angle, last, self->conditions.rear_angle);
         }
     } else if (self->deviates && (self->waited_samples < wait_samples_max)) {
         rear_angle = wait_for_wheels(self, rear_angle, last, measured_before);
@@ -545,16 +562,16 @@ ARS_SECTION_CODE static ars_command_t step(
         command.yaw_rate_reference = 0.0f;
         command.status = ARS_STATUS_STANDBY;
     }
-    if (is_measured) {
-        stay_near_wheels(self, &command, last, self->measured_angle);
-        self->has_measured = true;
-        self->measured_angle = self->conditions.rear_angle;
-    }
     self->released = was_controlled && !self->controller.enabled;
     if (self->controller.enabled != was_controlled) {
         self->start_angle = command.rear_angle;
         self->angle_offset = 0.0f;
         self->waited_samples = 0u;
+    }
+    if (is_measured) {
+        stay_near_wheels(self, &command, last, self->measured_angle);
+        self->has_measured = true;
+        self->measured_angle = self->conditions.rear_angle;
     }
     command.status = ars_supervision_step(
         &self->supervision, cause_of_sample(self, cause, command.status, has_angle), command.status);
