@@ -92,7 +92,7 @@ def add_kind(tree: Copy) -> None:
     """Add the kind to a copy of the tree."""
     tree.add("templates/law/share/law.c.j2", LAW_C)
     tree.replace("codegen/configuration/controller.py", '"proportional"]\n', '"proportional", "share"]\n')
-    budget = '    "proportional": {"step_instructions_max": 750, "task_instructions_max": 1_850},\n'
+    budget = '    "proportional": {"step_instructions_max": 750, "task_instructions_max": 1_890},\n'
     tree.after("codegen/configuration/budgets.py", budget, budget.replace("proportional", "share"))
     tree.replace(
         "codegen/emit/laws.py",

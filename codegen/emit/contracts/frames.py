@@ -378,7 +378,7 @@ class FrameUnits(Conditions):
         for words, order in (("left", ">"), ("right", "<")):
             out = " && ".join(f"({_ANGLE} {order} {each})" for each in (zero, _BEFORE, _MEASURED))
             claim = f"{unknown} || !{_ENABLED} || !(self->deviates || self->is_stuck) || !({out})"
-            yield Claim(f"wheels that do not follow get no command farther out to the {words} than before or than they are", claim)
+            yield Claim(f"wheels that do not follow get no command farther out to the {words} than it was or they are", claim)
 
     def _returning(self) -> str:
         """Return the largest change in a sample at the lower one of two rates."""

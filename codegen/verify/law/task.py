@@ -212,7 +212,7 @@ class SecondTask:
             error = (real(measured) - self._expected) - self._offset
             self._deviates = bool(abs(error) > tolerance)
             starts &= self._is_plausible(measured)
-            leads = self._deviates and returns or self._released and abs(real(measured)) > abs(command)
+            leads = (self._deviates and returns) or (self._released and abs(real(measured)) > abs(command))
             if starts and self._released and self._deviates:
                 self._offset, self._deviates = error, False
             elif starts and leads and not self._is_stuck:
@@ -227,7 +227,7 @@ class SecondTask:
         return _BITS["ACTUATOR_STUCK"] if self._is_stuck else 0
 
     def _near_wheels(self, command: Command, last: Any, measured: float) -> Command:
-        """Return the command near wheels that it does not reach: never farther out than the law's, the last one and the wheels."""
+        """Return the command near wheels that it does not reach: no farther out than the law's, the last one and the wheels."""
         parameters, real, angle = self.parameters, self._controller.real, self._controller.angle
         measured, zero = real(measured), real(0.0)
         kept = measured - self._offset
