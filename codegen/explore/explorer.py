@@ -24,14 +24,14 @@ from codegen.emit.laws import law_of
 from codegen.errors import MapError, within
 from codegen.explore.controls import Control, Step, apply, checked, controls_of
 from codegen.explore.recalibrated import Calibration, Recalibrated
+from codegen.judgement.build_warnings import family_warnings
+from codegen.judgement.car_warnings import car_warnings
 from codegen.judgement.model import MISSING, Stored, of_map
 from codegen.map_file import map as npz
 from codegen.map_file.bounds import binding_text
 from codegen.map_file.map import ReferenceMap
 from codegen.map_file.tables import ACCELERATION, ALL_BINDING, FRICTION
 from codegen.optimum.solve import solve_case
-from codegen.plausibility.build import family_warnings
-from codegen.plausibility.car import car_warnings
 from codegen.report.html import blocks
 from codegen.report.map_plots import binding_colours
 from codegen.report.style import phase_lines

@@ -20,7 +20,7 @@ from codegen.library.logs import paths_of
 from codegen.library.result import PathLike, Progress, Result, Work, drawn, path_of, public
 from codegen.map_file import map as npz
 from codegen.report.calibration_plots import CurveChange, ValueChange, calibration_figure
-from codegen.text_table import text_table
+from codegen.text import text_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

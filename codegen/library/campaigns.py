@@ -29,7 +29,7 @@ from codegen.sweep.engine import Dask, Threads, run_campaign
 from codegen.sweep.plan import Plan
 from codegen.sweep.store import WHOLE, YES_NO, check_same
 from codegen.sweep.summary import Summary, summarise
-from codegen.text_table import text_table
+from codegen.text import text_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

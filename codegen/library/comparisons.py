@@ -22,7 +22,7 @@ from codegen.report.map_difference import (
     map_difference_figure,
     same_car,
 )
-from codegen.text_table import text_table
+from codegen.text import text_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

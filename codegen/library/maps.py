@@ -12,15 +12,15 @@ from codegen.arrays import BoolArray, FloatArray
 from codegen.configuration import Config
 from codegen.emit.outputs import check_output
 from codegen.errors import CodegenError
+from codegen.judgement.map_warnings import beyond_grip
 from codegen.judgement.model import MISSING, Judgement, of_map
 from codegen.library.configurations import ConfigLike, given_config
 from codegen.library.result import PathLike, Result, drawn, path_of, public
 from codegen.map_file import archive
 from codegen.map_file import map as npz
 from codegen.map_file.map import ReferenceMap, choose_config
-from codegen.plausibility.map import beyond_grip
 from codegen.report.summary import map_summary
-from codegen.text_table import text_table
+from codegen.text import text_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -13,7 +13,7 @@ from codegen.report import style
 from codegen.sweep.chunk import DRIVEN
 from codegen.sweep.spec import FACTORS
 from codegen.sweep.summary import BINS, QUANTILES, Figure, Outcome, Summary
-from codegen.text_table import text_table
+from codegen.text import text_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

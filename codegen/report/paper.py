@@ -47,7 +47,7 @@ from codegen.report.summary import metric_rows
 from codegen.report.tyre_plots import tyre_figure
 from codegen.sil.compile import find_compiler
 from codegen.sil.software import Software, load
-from codegen.text_table import text_table
+from codegen.text import text_table
 from hil_sim.bench import run, run_through_can
 from hil_sim.fault_catalogue import run_all
 from hil_sim.logs import save_csv

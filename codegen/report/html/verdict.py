@@ -11,9 +11,9 @@ from codegen.design.margins import Weakest, margin_range_km_h
 from codegen.emit.laws import is_untuned
 from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError
+from codegen.judgement.build_warnings import folder_notes, folder_warnings
+from codegen.judgement.car_warnings import Handling
 from codegen.judgement.check import all_warnings
-from codegen.plausibility.build import folder_notes, folder_warnings
-from codegen.plausibility.car import Handling
 from codegen.report.html import build as build_tables
 from codegen.report.html import judgement, maps, runs
 from codegen.report.html.blocks import Block, Chart, Gallery, Text, Tile, Tiles
