@@ -35,7 +35,7 @@ from codegen.emit.folder import Folder
 from codegen.emit.inputs_view import InputsView
 from codegen.emit.laws import law_of
 from codegen.emit.limiter_view import LimiterView, cut_text
-from codegen.emit.map_view import MapView, map_view
+from codegen.emit.map_view import MapView
 from codegen.emit.render import render, verbatim
 from codegen.emit.symbols import symbols_of
 from codegen.emit.take_over import FILE as SBOM
@@ -254,7 +254,7 @@ def _code(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         sources=tuple(f"src/{options.prefix}_{source}.c" for source in sources),
     )
     lookup = Lookup.from_map(total, numpy_type(options.precision))
-    table = map_view(total, lookup, config, options.precision, options.prefix)
+    table = MapView(total, lookup, config, options.precision, options.prefix)
     constants = constants_of(config, total, lookup)
     dynamics = DynamicsView(config, options.precision)
     context: dict[str, Any] = {
@@ -458,7 +458,7 @@ def _facts(parts: _Parts, dynamics: DynamicsView, checksum: ChecksumView, identi
             "lookup_error_bound_rad_s": parts.error_bound,
             **_stack_facts(total),
             "flash_bytes": table.flash_bytes,
-            "checksum_crc32": f"{table.checksum_value:08x}",
+            "checksum_crc32": f"{table.checksum:08x}",
             "rules": {rule.value: {"cells": count, "text": RULE_TEXT[rule]} for rule, count in rule_counts(total).items()},
             "rule_by_speed_and_front_angle": ["".join(row) for row in total.rule],
             **grip_facts(total),
