@@ -38,6 +38,7 @@ LEVELS = (
     ("hil_sim",),
     ("codegen.judgement",),
     ("codegen.identify", "codegen.sweep"),
+    ("codegen.figures",),
     ("codegen.verify", "codegen.export", "codegen.report"),
     ("codegen.explore", "codegen.doctor"),
     ("codegen.console",),

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from codegen.ecu_map.placement_sweep import FlashTable, flash_table
 from codegen.emit.laws import law_of
 from codegen.errors import CodegenError, MapError, within
+from codegen.figures.draw import draw
 from codegen.library.configurations import ConfigLike, given_config
 from codegen.library.maps import Map, MapLike, map_of, place_of
 from codegen.library.result import PathLike, Progress, Result, Work, drawn, public
@@ -19,7 +20,7 @@ from codegen.report.map_difference import (
     POINT_HEADER,
     caveats,
     map_difference,
-    map_difference_figure,
+    map_difference_picture,
     same_car,
 )
 from codegen.text import text_table
@@ -48,7 +49,7 @@ class Difference(Result):
         return drawn(self._figure(), path)
 
     def _figure(self) -> Figure:
-        return map_difference_figure(self._maps, self._used, (self._first.name, self._second.name))
+        return draw(map_difference_picture(self._maps, self._used, (self._first.name, self._second.name)))
 
     def lines(self) -> list[str]:
         """Return the figures of both maps, the difference of the yaw rates, and some operating points."""

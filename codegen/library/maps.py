@@ -137,9 +137,10 @@ class Map(Result):
         return drawn(self._figure(), path)
 
     def _figure(self) -> Figure:
-        from codegen.report.map_plots import map_figure
+        from codegen.figures.draw import draw
+        from codegen.figures.maps import map_picture
 
-        return map_figure(self.reference_map, self.name)
+        return draw(map_picture(self.reference_map, self.name))
 
     def lines(self) -> list[str]:
         """Return axes, ranges, what binds, and the judgement of the car."""

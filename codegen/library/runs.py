@@ -178,10 +178,11 @@ class Run(Result):
         return figure
 
     def _figure(self) -> Figure:
-        from codegen.report.scenario_plots import scenario_figure
+        from codegen.figures.draw import draw
+        from codegen.figures.scenarios import scenario_picture
 
         given = self.recording
-        return scenario_figure(given.scenario, given.config, given.records, given.title, look_up=given.look_up)
+        return draw(scenario_picture(given.scenario, given.config, given.records, given.title, look_up=given.look_up))
 
     def lines(self) -> list[str]:
         """Return the metrics of all cars, the verdict, and the statistics of the bus."""

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from codegen.arrays import FloatArray
-from codegen.map_file.map import ReferenceMap
-from codegen.report.map_plots import at_front_angle
-from codegen.report.style import FRONT_ANGLE, REAR_STEER, SIDESLIP, SPEED_LABEL, YAW_RATE, new_figure, style
+from codegen.figures.draw import new_figure, style, words
+from codegen.figures.maps import QUANTITIES, at_front_angle
+from codegen.report.style import FRONT_ANGLE, SPEED_LABEL
 from codegen.report.suite_step_plots import lines_of, name_handles
 from codegen.units import KM_H
 from hil_sim.suite.cells import NOMINAL
@@ -24,13 +23,6 @@ if TYPE_CHECKING:
     from hil_sim.suite.runs import CellResult
 
 CUT_FRONT_ANGLE = math.radians(2.0)
-
-MAP_PANELS: tuple[tuple[str, Callable[[ReferenceMap], FloatArray | None]], ...] = (
-    (YAW_RATE.label, YAW_RATE.degrees),
-    ("Lateral acceleration (m/s²)", lambda one: one.speed[:, np.newaxis] * np.where(one.feasible, one.yaw_rate, np.nan)),
-    (SIDESLIP.label, SIDESLIP.degrees),
-    (REAR_STEER.label, REAR_STEER.degrees),
-)
 
 
 def _lateral_acceleration(each: CellResult) -> float | None:
@@ -54,13 +46,13 @@ def references_figure(result: ReferencesResult) -> Figure:
     cut = float(np.clip(CUT_FRONT_ANGLE, grid[0], grid[-1]))
     with style():
         figure = new_figure(14.0, 7.2)
-        above, below = figure.subplots(2, len(MAP_PANELS))
-        for axes, (label, table_of) in zip(above, MAP_PANELS, strict=True):
+        above, below = figure.subplots(2, len(QUANTITIES))
+        for axes, quantity in zip(above, QUANTITIES, strict=True):
             for name, one in reversed(list(result.maps.items())):
-                table = table_of(one)
+                table = quantity.displayed(one)
                 if table is not None:
                     axes.plot(one.speed / KM_H, at_front_angle(one, table, cut), label="_", **looks[name])
-            axes.set(xlabel=SPEED_LABEL, ylabel=label)
+            axes.set(xlabel=SPEED_LABEL, ylabel=words(quantity.label))
             axes.grid(True)
         above[0].set_title(f"The maps at {FRONT_ANGLE} = {math.degrees(cut):.3g} deg")
         for axes, (label, figure_of) in zip(below, STEP_PANELS, strict=True):

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from codegen.arrays import FloatArray
 from codegen.design.margins import WARN_GAIN_MARGIN_DB, WARN_PHASE_MARGIN_DEG
+from codegen.figures.runs import SPIN_NAME, column, until_spin
 from codegen.report import style
-from codegen.report.run_plots import SPIN_MARKER, SPIN_NAME, column, until_spin
+from codegen.report.style import SPIN_MARKER
 from hil_sim.suite.cells import STEER_TIME
 
 if TYPE_CHECKING:

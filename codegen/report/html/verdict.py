@@ -11,12 +11,19 @@ from codegen.design.margins import Weakest, margin_range_km_h
 from codegen.emit.laws import is_untuned
 from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError
+<<<<<<< HEAD
 from codegen.judgement.build_warnings import folder_notes, folder_warnings
 from codegen.judgement.car_warnings import Handling
+=======
+from codegen.figures.data import Chart
+from codegen.figures.maps import heat_map_charts
+from codegen.figures.runs import PANELS
+from codegen.figures.scenarios import time_chart
+>>>>>>> 3aec34e8 (Charts as plain data and one renderer: runs, scenarios, maps, tyres, calibration sets)
 from codegen.judgement.check import all_warnings
 from codegen.report.html import build as build_tables
-from codegen.report.html import judgement, maps, runs
-from codegen.report.html.blocks import Block, Chart, Gallery, Text, Tile, Tiles
+from codegen.report.html import judgement
+from codegen.report.html.blocks import Block, Gallery, Text, Tile, Tiles
 from codegen.units import KM_H
 
 if TYPE_CHECKING:
@@ -93,11 +100,10 @@ def _verification(build: Any) -> Iterator[Tile]:
 
 
 def _pictures(material: Material) -> Iterator[Chart]:
-    first = maps.heat_maps(material.map).charts[0]
+    first = heat_map_charts(material.map)[0]
     yield _named(first, "verdict-map")
     if material.runs and material.scenario is not None:
-        scenario = material.scenario
-        chart = runs.run_chart(material.runs, material.config, scenario.title, runs.PANELS[:1], scenario.step_time)
+        chart = time_chart(material.scenario, material.config, material.runs, PANELS[:1])
         yield _named(chart, "verdict-run")
 
 
