@@ -24,27 +24,16 @@ from codegen.emit.laws import law_of
 from codegen.errors import MapError, within
 from codegen.explore.controls import Control, Step, apply, checked, controls_of
 from codegen.explore.recalibrated import Calibration, Recalibrated
-<<<<<<< HEAD
-from codegen.judgement.build_warnings import family_warnings
-from codegen.judgement.car_warnings import car_warnings
-=======
 from codegen.figures.data import packed
 from codegen.figures.maps import binding_colours, phase_lines
->>>>>>> 3aec34e8 (Charts as plain data and one renderer: runs, scenarios, maps, tyres, calibration sets)
+from codegen.judgement.build_warnings import family_warnings
+from codegen.judgement.car_warnings import car_warnings
 from codegen.judgement.model import MISSING, Stored, of_map
 from codegen.map_file import map as npz
 from codegen.map_file.bounds import binding_text
 from codegen.map_file.map import ReferenceMap
 from codegen.map_file.tables import ACCELERATION, ALL_BINDING, FRICTION
 from codegen.optimum.solve import solve_case
-<<<<<<< HEAD
-from codegen.report.html import blocks
-from codegen.report.map_plots import binding_colours
-from codegen.report.style import phase_lines
-=======
-from codegen.plausibility.build import family_warnings
-from codegen.plausibility.car import car_warnings
->>>>>>> 3aec34e8 (Charts as plain data and one renderer: runs, scenarios, maps, tyres, calibration sets)
 from codegen.units import KM_H
 from hil_sim import manoeuvres
 from hil_sim.metrics.run import column, spin_time

@@ -20,13 +20,8 @@ from codegen.library.builds import BuildLike, edited_notes, folder_of
 from codegen.library.logs import paths_of
 from codegen.library.result import PathLike, Progress, Result, Work, drawn, path_of, public
 from codegen.map_file import map as npz
-<<<<<<< HEAD
-from codegen.report.calibration_plots import CurveChange, ValueChange, calibration_figure
-from codegen.text import text_table
-=======
 from codegen.report.calibration_plots import CurveChange, ValueChange, calibration_picture
-from codegen.text_table import text_table
->>>>>>> 3aec34e8 (Charts as plain data and one renderer: runs, scenarios, maps, tyres, calibration sets)
+from codegen.text import text_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

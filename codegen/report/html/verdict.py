@@ -11,15 +11,12 @@ from codegen.design.margins import Weakest, margin_range_km_h
 from codegen.emit.laws import is_untuned
 from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError
-<<<<<<< HEAD
-from codegen.judgement.build_warnings import folder_notes, folder_warnings
-from codegen.judgement.car_warnings import Handling
-=======
 from codegen.figures.data import Chart
 from codegen.figures.maps import heat_map_charts
 from codegen.figures.runs import PANELS
 from codegen.figures.scenarios import time_chart
->>>>>>> 3aec34e8 (Charts as plain data and one renderer: runs, scenarios, maps, tyres, calibration sets)
+from codegen.judgement.build_warnings import folder_notes, folder_warnings
+from codegen.judgement.car_warnings import Handling
 from codegen.judgement.check import all_warnings
 from codegen.report.html import build as build_tables
 from codegen.report.html import judgement
