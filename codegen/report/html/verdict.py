@@ -15,7 +15,7 @@ from codegen.figures.data import Chart
 from codegen.figures.maps import heat_map_charts
 from codegen.figures.runs import PANELS
 from codegen.figures.scenarios import time_chart
-from codegen.judgement.build_warnings import folder_notes, folder_warnings
+from codegen.judgement.build_warnings import folder_warnings
 from codegen.judgement.car_warnings import Handling
 from codegen.judgement.check import all_warnings
 from codegen.report.html import build as build_tables
@@ -117,7 +117,7 @@ def _warnings(material: Material) -> Iterator[str]:
         manifest = None if material.build is None else read_build(material.build)
         found = list(all_warnings(config, material.map.map, manifest))
         if material.build is not None:
-            found += [*folder_warnings(material.build), *folder_notes(material.build)]
+            found += folder_warnings(material.build)
     except CodegenError as error:
         found = [str(error)]
     yield from (f"{text[0].upper()}{text[1:]}." for text in dict.fromkeys(found))
