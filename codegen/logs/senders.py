@@ -242,9 +242,9 @@ def _of(sender: Sender, originals: Sequence[Sender]) -> str:
 def copy_delay(frames: Frames, one: IndexArray, other: IndexArray) -> float | None:
     """Return by how many s frames `other` are later than `one`, if they have the same data; None if they do not.
 
-    Only changes of the data are compared, for unchanged data match anything: a late copy equals the next frame of the original as
-    well. Each change of `other` must be one of `one`, and `other` must change where `one` does; a gateway may leave frames out.
-    Data that never change have no delay.
+    Only changes of the data are compared, for unchanged data match anything: a late copy equals the next frame of the original
+    as well. Each change of `other` must be one of `one`, and `other` must change where `one` does; a gateway may leave frames
+    out. Data that never change have no delay.
 
     The result is NaN if the order cannot be determined. Data that repeat, such as those of a counter, may be as well early as
     late. So only changes with one possible counterpart count, and nearly all of these must be on the same side of it.
@@ -283,7 +283,7 @@ def _changes(frames: Frames, indices: IndexArray, codes: dict[bytes, int]) -> tu
 
 
 def _beside(code: IntArray, time: FloatArray, wanted: IntArray, at: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the time in s since the latest of the times with the same code, and until the next one, (k,); infinite without one."""
+    """Return the time in s since the latest of the times with the same code, and until the next one, (k,); infinite if none."""
     start, end = min(time.min(), at.min()), max(time.max(), at.max())
     count = int(max(code.max(), wanted.max())) + 1
     tick = max(TICK_S, 4.0 * (end - start) * count / 2**62)

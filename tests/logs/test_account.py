@@ -107,7 +107,9 @@ def test_copies_of_data_that_repeat_need_a_choice(tmp_path: Path) -> None:
     what, remedy = log.allotment.conflicts[0x100, False]
     assert what.endswith("have the same data, and which of them are the copies cannot be determined")
     assert remedy.startswith("choose a bus with `channel='1' or '2'`")
-    of_bus = [message(0.01 * k + 0.0002 * (k % 3 - 1) * channel, k % 4, channel=channel) for k in range(200) for channel in (0, 1)]
+    of_bus = [
+        message(0.01 * k + 0.0002 * (k % 3 - 1) * channel, k % 4, channel=channel) for k in range(200) for channel in (0, 1)
+    ]
     assert fates(opened(tmp_path / "one.blf", of_bus)) == {Fate.USED: 200, Fate.COPY: 200}
 
 
@@ -201,7 +203,7 @@ def test_two_logs_of_different_bases_in_one_are_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "text", "words"),
     [
-        ("drive.asc", "0,500 1 100 Rx d 1 10\n", "line 1: a frame has an invalid time, 0,500"),
+        ("drive.asc", "0,500 1 100 Rx d 1 10\n", "line 1: a frame has an invalid time, 0,500; export it with decimal points"),
         ("drive.asc", ";$FILEVERSION=1.1\n 1) 0.5 Rx 0100 1 10\n", r"no line is an event \(first: line 1: ;\$FILEVERSION"),
         ("drive.asc", "\ufeff0.5 1 100 Rx d 1 10\n".encode("utf-16-le"), "it is in UTF-16"),
         ("drive.log", " (0.5)  can0  100   [2]  11`22\n", "its bytes are swapped; log without -S"),
@@ -245,6 +247,22 @@ def test_differences_in_a_candump_are_added_up(view: bool, tmp_path: Path) -> No
     frames, account = read_frames(tmp_path / "drive.log")
     np.testing.assert_allclose(frames.time, np.cumsum(steps))
     assert account.clock == "time from the frame before"
+
+
+@pytest.mark.parametrize(
+    ("stamps", "are_added"),
+    [
+        ([0.0, 0.01, 0.01], True),
+        ([0.0, 0.01, 0.009, 0.011, 0.01], True),
+        ([0.0, 0.01, 0.02, 0.02], False),
+        ([0.0, 0.01, 0.009, 0.02, 0.019, 0.03], False),
+        ([5.0, 0.01, 0.01], False),
+    ],
+)
+def test_differences_of_few_frames_begin_with_zero(stamps: list[float], are_added: bool, tmp_path: Path) -> None:
+    text = "".join(f"({stamp:010.6f}) can{k % 2} 100#00\n" for k, stamp in enumerate(stamps))
+    (tmp_path / "drive.log").write_text(text, encoding="ascii")
+    np.testing.assert_allclose(read_frames(tmp_path / "drive.log")[0].time, np.cumsum(stamps) if are_added else stamps)
 
 
 def test_frames_out_of_order_are_no_differences(tmp_path: Path) -> None:
