@@ -6,6 +6,7 @@ A page embeds them, and `codegen.figures.draw` draws them. Neither Plotly nor Ma
 from __future__ import annotations
 
 import base64
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -101,6 +102,12 @@ def plain(text: object) -> str:
 def numbers(values: npt.ArrayLike) -> npt.NDArray[np.float64]:
     """Return numbers of a chart; NaN are gaps."""
     return np.asarray(values, dtype=np.float64)
+
+
+def symlog(value: float, linear: float = 1.0) -> float:
+    """Return a number on an axis that is linear up to a threshold on either side, and logarithmic beyond: one per decade."""
+    share = abs(value) / linear
+    return math.copysign(share if share <= 1.0 else 1.0 + math.log10(share), value)
 
 
 def packed(values: npt.NDArray[Any]) -> dict[str, Any]:

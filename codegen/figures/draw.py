@@ -229,10 +229,11 @@ def _finish(axes: Axes, layout: Mapping[str, Any], y_axis: Mapping[str, Any], da
 
 def _share_titles(picture: Picture, drawn: Mapping[tuple[int, int], list[Axes]]) -> None:
     """Keep a title that neighbouring charts share at the outer one only, and the numbers of an axis with the same range."""
+    titles = {place: [axes.get_ylabel() for axes in panels] for place, panels in drawn.items()}
     for (row, column), panels in drawn.items():
         left = drawn.get((row, column - 1))
         for k, axes in enumerate(panels):
-            if left is not None and len(left) == len(panels) and left[k].get_ylabel() == axes.get_ylabel() != "":
+            if left is not None and len(left) == len(panels) and titles[row, column - 1][k] == axes.get_ylabel() != "":
                 axes.set_ylabel("")
                 axes.tick_params(labelleft=left[k].get_ylim() != axes.get_ylim())
         below = drawn.get((row + 1, column))
@@ -274,7 +275,7 @@ def _look(trace: Mapping[str, Any]) -> dict[str, Any]:
 
 def _draw_scatter(axes: Axes, trace: Mapping[str, Any]) -> None:
     x, y = (np.asarray(trace[name], dtype=np.float64) for name in "xy")
-    if not np.isfinite(y).any():
+    if not np.isfinite(y).any():  # also without any point
         return
     look, most = _look(trace), trace.get("marker", {}).get("maxdisplayed")
     if most:

@@ -104,7 +104,7 @@ class Campaign(Result):
         write_together({self.folder / "summary.json": facts, self.folder / "summary.md": text})
         written = []
         for name, picture in pictures(self._summary):
-            save_figure(picture, self.folder / f"{name}.png")
+            save_figure(draw(picture), self.folder / f"{name}.png")
             written.append(self.folder / f"{name}.png")
         return written
 

@@ -13,7 +13,7 @@ from codegen.library.maps import Map, MapLike, map_of, place_of
 from codegen.library.result import PathLike, Progress, Result, Work, drawn, public
 from codegen.map_file.map import choose_config
 from codegen.optimum.nonlinear import slip_use
-from codegen.report.flash import HEADER, flash_dict, flash_figure, flash_headline, flash_rows
+from codegen.report.flash import HEADER, flash_dict, flash_headline, flash_picture, flash_rows
 from codegen.report.map_difference import (
     CAR_HEADER,
     DIFFERENCE_HEADER,
@@ -86,7 +86,7 @@ class FlashSizes(Result):
         return drawn(self._figure(), path)
 
     def _figure(self) -> Figure:
-        return flash_figure(self._found, self._map.name)
+        return draw(flash_picture(self._found, self._map.name))
 
     def lines(self) -> list[str]:
         """Return a row for each error."""
