@@ -16,7 +16,7 @@ from benchmarks.tables import CountReport, Row
 from benchmarks.tyre_curves import Candidate, Shape, candidates
 from codegen import configuration
 from codegen.configuration import Config, Kind
-from codegen.design.tune import tune
+from codegen.design.gains import tune
 from codegen.ecu_map.placement import Request
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.folder import Folder

@@ -133,7 +133,7 @@ def __dir__() -> list[str]:
 class _Package(ModuleType):
     """The type of this module: importing a subpackage does not replace the function of the same name, such as `report`.
 
-    Modules of the subpackage are imported as ever: `from codegen.report.style import save`.
+    Modules of the subpackage are imported as ever: `from codegen.figures.draw import save`.
     """
 
     def __setattr__(self, name: str, value: object) -> None:

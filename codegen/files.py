@@ -10,7 +10,7 @@ import os
 import stat
 import tempfile
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import EllipsisType
 
@@ -66,10 +66,36 @@ def resolved(path: Path, kind: type[CodegenError] = CodegenError) -> Path:
 
 def read_text(path: Path, limit: int, remedy: str, kind: type[CodegenError] = CodegenError, *, smaller: str = "") -> str:
     """Return the UTF-8 text of a regular file without its byte order mark. See `read_file`; other text is an error too."""
+    data = read_file(path, limit, remedy, kind, smaller=smaller)
+    refuse_utf16(data, path, kind)
     try:
-        return read_file(path, limit, remedy, kind, smaller=smaller).decode("utf-8-sig")
+        return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise kind("not UTF-8 text", where=f"{path}, byte {error.start}", remedy="save it as UTF-8") from None
+
+
+def refuse_utf16(data: bytes, where: object, kind: type[CodegenError] = CodegenError) -> None:
+    """Raise CodegenError, of class `kind`, for text in UTF-16: with its mark, or with every second byte zero."""
+    head = data[:64]
+    is_wide = len(head) > 1 and any(not any(head[start::2]) and all(head[1 - start :: 2]) for start in (0, 1))
+    if head[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE) or is_wide:
+        raise kind("it is in UTF-16", where=where, remedy="save it as UTF-8")
+
+
+def refuse_empty(size: int, where: object, kind: type[CodegenError] = CodegenError) -> None:
+    """Raise CodegenError, of class `kind`, for a file of no bytes."""
+    if not size:
+        raise kind("empty", where=where, remedy="save or copy it again")
+
+
+def distinct_names(paths: Sequence[Path]) -> list[str]:
+    """Return a name for each path: its stem, its name, or its name with as many folders as distinguish all paths."""
+    depth = max((len(path.parts) for path in paths), default=0)
+    tails = ([str(Path(*path.parts[-count:])) for path in paths] for count in range(1, depth + 1))
+    for names in ([path.stem for path in paths], *tails):
+        if len(set(names)) == len(names):
+            break
+    return names
 
 
 def decoded(data: bytes) -> str:

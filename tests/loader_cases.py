@@ -38,10 +38,10 @@ from codegen.identify.reading import read_drives
 from codegen.importing import child
 from codegen.importing.maps import Choices, import_map
 from codegen.importing.tyre import import_tyres
+from codegen.judgement.build_warnings import build_warnings, folder_warnings, margins_line
 from codegen.library.identification import reading_as_json
 from codegen.limits import MIB, Limits
 from codegen.map_file import map as npz
-from codegen.plausibility.build import build_warnings, folder_warnings, margins_line
 from codegen.report.html.build import manifest_blocks
 from codegen.report.html.inputs import read_files
 from codegen.sil.software import RECORD_COLUMNS

@@ -9,13 +9,36 @@ import pytest
 
 from codegen import files
 from codegen.errors import CodegenError
-from codegen.files import ChangedError, write_atomically, write_together
+from codegen.files import ChangedError, distinct_names, read_text, write_atomically, write_together
 
 
 def test_text_is_utf_8_or_windows_1252() -> None:
     for encoding in ("utf-8", "utf-8-sig", "cp1252"):
         assert files.decoded("5 € … ü\n".encode(encoding)) == "5 € … ü\n"
     assert files.decoded(b"\x81") == "\ufffd"  # no character of Windows-1252
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
+def test_text_in_utf_16_is_named(encoding: str, tmp_path: Path) -> None:
+    (tmp_path / "ars.toml").write_text("[vehicle]\n", encoding=encoding)
+    with pytest.raises(CodegenError, match="it is in UTF-16; save it as UTF-8"):
+        read_text(tmp_path / "ars.toml", 1000, "")
+
+
+@pytest.mark.parametrize(
+    ("paths", "names"),
+    [
+        (["a/x.csv", "a/y.csv"], ["x", "y"]),
+        (["a/x.csv", "b/x.log"], ["x.csv", "x.log"]),
+        (["a/x.csv", "b/x.csv", "b/y.csv"], ["a/x.csv", "b/x.csv", "b/y.csv"]),
+        (["/c/a/d/x.csv", "/c/b/d/x.csv"], ["a/d/x.csv", "b/d/x.csv"]),
+        (["x.csv", "a/x.csv"], ["x.csv", "a/x.csv"]),
+        (["x.csv", "x.csv"], ["x.csv", "x.csv"]),
+        ([], []),
+    ],
+)
+def test_names_distinguish_files(paths: list[str], names: list[str]) -> None:
+    assert distinct_names([Path(path) for path in paths]) == names
 
 
 @pytest.mark.parametrize("bad", ["no/b", "folder"])

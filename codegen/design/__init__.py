@@ -1,1 +1,1 @@
-"""The feedback's gains by design: the family of cars, its sampled loops, their margins, the search; loss of rear steering."""
+"""Design of the controller: gains, lead, trim and fail-safe; margins of the loop; loss of rear steering."""

@@ -1,304 +1,326 @@
-"""Design of the gain schedule over speed, so that the whole family of cars keeps its margins.
+"""The controller of kind "tracking" for a map: gains by design, the transient from step responses, the trim, and the rate of
+the fail-safe.
 
-Cars that must meet the demands:
-
-- up to the last speed of the map's grid: every member of the family, or the design fails;
-- beyond, up to the top speed of the car: the configured car, and every member that is stable there with its rear wheels held.
-  Where no gains suit all of those, the configured car alone. Where none suit that, no car: the gains before are held, and a
-  build warns;
-- below the first breakpoint, where its gains hold, down to the speed at which the controller switches off: every member.
-
-Between breakpoints the interpolated gains are checked; where they fail, both ends are designed again with more reserve.
+The fail-safe returns the rear angle to zero after all inputs are lost. The controller no longer sees the driver. If the ramp is
+slow and the driver straightens the wheel, the rear wheels are still turned. If it is fast and the driver holds the wheel, the
+rear axle loses its lateral support. No rate suits every driver, so each candidate is simulated on the nonlinear plant with the
+C, with all drivers, in corners up to the edge of the map.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from enum import IntEnum
+import os
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from codegen.arrays import BoolArray, FloatArray
-from codegen.configuration import Config, Schedule
-from codegen.configuration.controller import SCHEDULE_POINTS_MAX
-from codegen.design.family import Member, measured_keys, members, nominal
-from codegen.design.margins import Margins, worst_of
-from codegen.design.sampled import SampledCar, frequency_grid, sample
-from codegen.design.search import Cars, Demands, Shortfall, best_gains
-from codegen.errors import ConfigError
+from codegen.configuration import Config
+from codegen.configuration.controller import TRIM_MAX_PERCENT
+from codegen.design.gains import Design, design
+from codegen.design.lead import Response, compile_controller, family_of, tune_response, unit_step, with_response
+from codegen.ecu_map.extend import extend
+from codegen.ecu_map.model_excess import TRIM_WARNING_FACTOR, Excess, asks_for_more, model_excess
+from codegen.map_file.map import ReferenceMap
+from codegen.metrics.runs import is_spinning
+from codegen.optimum.problem import breakpoints
+from codegen.optimum.turns import turns_of
+from codegen.sil.batch import NOISES, BatchSoftware, Lanes
+from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.units import KM_H
+from codegen.vehicle.population import require_accepted
+
+Driver = Callable[[FloatArray], FloatArray]
+"""Fraction of the front angle as a function of the time since the driver acts, in s, >= 0."""
+
+RATES_DEG_S = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
+"""Candidates in addition to the configured rate."""
+
+SPEED_SHARES = (2.0 / 3.0, 0.75, 5.0 / 6.0, 11.0 / 12.0, 1.0)
+"""Fractions of the last speed of the map and of the design: 80 to 120 km/h if that is 120 km/h. Slower cars do not spin."""
+ANGLE_SHARES = (0.5, 0.75, 1.0)
+"""Fractions of the largest feasible front angle."""
+
+STEER_TIME, STEER_DURATION, LOSS_TIME, DRIVER_TIME, DURATION = 0.3, 0.3, 2.0, 2.2, 6.0
+"""Times in s: the driver steers in, all inputs are lost, the driver acts, the drive ends."""
+
+
+def keep(seconds: FloatArray) -> FloatArray:
+    """Hold the wheel where it is."""
+    return np.ones_like(seconds)
+
+
+def straighten(seconds: FloatArray) -> FloatArray:
+    """Straighten the wheel within 0.3 s."""
+    return np.maximum(0.0, 1.0 - seconds / 0.3)
+
+
+def straighten_slowly(seconds: FloatArray) -> FloatArray:
+    """Hold the wheel for 0.5 s, then straighten it within 1 s."""
+    return np.clip(1.5 - seconds, 0.0, 1.0)
+
+
+def counter_steer(seconds: FloatArray) -> FloatArray:
+    """Steer to 0.6 of the angle on the other side within 0.4 s, hold until 0.9 s, then straighten within 0.3 s."""
+    return np.where(seconds < 0.9, np.maximum(-0.6, 1.0 - 1.6 * seconds / 0.4), np.minimum(0.0, -0.6 + 2.0 * (seconds - 0.9)))
+
+
+DRIVERS: tuple[Driver, ...] = (keep, straighten, straighten_slowly, counter_steer)
+
+
+@dataclass(frozen=True)
+class RateOutcome:
+    """Drives with one rate.
+
+    Attributes:
+        rate_deg_s: rate of the fail-safe.
+        spins, runs: counts for the configured car with all drivers. Spins without any loss do not count.
+        family_spins, family_runs: counts for cars of other mass, tyres or lag; None and 0 where they were not driven,
+            because the configured car spins more often than with another rate.
+        sideslip_max_deg: largest of the configured car, after the loss.
+    """
+
+    rate_deg_s: float
+    spins: int
+    runs: int
+    family_spins: int | None
+    family_runs: int
+    sideslip_max_deg: float
+
+    @property
+    def cost(self) -> tuple[float, float, float]:
+        """Cost, which the best rate minimises in order: spins of the configured car, of the others, and the sideslip angle."""
+        return self.spins, math.inf if self.family_spins is None else self.family_spins, self.sideslip_max_deg
+
+
+@dataclass(frozen=True)
+class FailSafeRate:
+    """The chosen rate and all candidates, the configured one first."""
+
+    rate_deg_s: float
+    outcomes: tuple[RateOutcome, ...]
+
+
+def tune_fail_safe(
+    reference_map: ReferenceMap,
+    config: Config,
+    software: BatchSoftware,
+    progress: Callable[[int, int], None] | None = None,
+    rates_deg_s: Sequence[float] = RATES_DEG_S,
+) -> FailSafeRate:
+    """Return the rate with the fewest spins. Keep the configured one if no other is better.
+
+    The configured car is driven with every rate, the rest of the family only with the rates at which it spins least.
+
+    Args:
+        reference_map: solved for the car of the configuration.
+        config: with the tuned controller.
+        software: the build of that map for this car; parameters tuned later come from the configuration.
+        progress: called with (done, in all).
+        rates_deg_s: candidates in addition to the configured rate.
+    """
+    configured = config.controller.fail_safe.rate_deg_s
+    candidates = (configured, *(rate for rate in rates_deg_s if rate != configured))
+    family, _ = family_of(config)
+    own = _Drives.of(reference_map, config, software, family[:1])
+    outcomes = []
+    for rate, spins, sideslip in _spins(own, candidates, progress):
+        outcomes.append(RateOutcome(rate, int(spins.sum()), spins.size, None, 0, round(sideslip, 1)))
+    fewest = min(outcome.spins for outcome in outcomes)
+    at = {outcome.rate_deg_s: k for k, outcome in enumerate(outcomes)}
+    others = _Drives.of(reference_map, config, software, family[1:])
+    for rate, spins, _ in _spins(others, [one.rate_deg_s for one in outcomes if one.spins == fewest], progress):
+        outcomes[at[rate]] = replace(outcomes[at[rate]], family_spins=int(spins.sum()), family_runs=spins.size)
+    return FailSafeRate(best(outcomes).rate_deg_s, tuple(outcomes))
+
+
+def _spins(
+    drives: _Drives, rates: Sequence[float], progress: Callable[[int, int], None] | None
+) -> list[tuple[float, BoolArray, float]]:
+    """Return for each rate the spins (drivers, runs) that the loss causes, and the largest sideslip angle in deg."""
+    jobs: list[tuple[float | None, Driver]] = [(rate, driver) for rate in (None, *rates) for driver in DRIVERS]
+    found = []
+    with ThreadPoolExecutor(os.cpu_count()) as pool:  # the C runs without the interpreter's lock
+        for done, result in enumerate(pool.map(lambda job: drives.drive(*job), jobs), start=1):
+            found.append(result)
+            if progress is not None:
+                progress(done, len(jobs))
+    spins, sideslip = (np.array(values).reshape(-1, len(DRIVERS), drives.runs) for values in zip(*found, strict=True))
+    return [(rate, spins[k] & ~spins[0], float(sideslip[k].max())) for k, rate in enumerate(rates, start=1)]
+
+
+def best(outcomes: Sequence[RateOutcome]) -> RateOutcome:
+    """Return the outcome with the least cost, the first of equals."""
+    return min(outcomes, key=lambda outcome: outcome.cost)
+
+
+def tuned_parameters(software: BatchSoftware, config: Config) -> Any:
+    """Return the build's parameters, updated with those that `codegen tune` set after the build."""
+    tracking = config.controller.tracking
+    assert tracking.schedule is not None  # the configuration is tuned
+    parameters = software.parameters(fail_safe_rate=math.radians(config.controller.fail_safe.rate_deg_s))
+    if tracking.schedule.lead_s is not None:
+        parameters.lead_time = tracking.schedule.lead_s
+    if tracking.schedule.response_gain_s is not None:
+        parameters.response_gain = tracking.schedule.response_gain_s
+    parameters.lead_angle_max = math.radians(tracking.lead_max_deg)
+    parameters.response_samples = tracking.response_ahead_s / config.controller.sampling_time_s
+    parameters.trim_share = tracking.trim_max_percent / 100.0
+    return parameters
+
+
+@dataclass(frozen=True)
+class _Drives:
+    """Cells of the drives, and the batch that drives them."""
+
+    software: BatchSoftware
+    config: Config
+    lanes: Lanes
+
+    @classmethod
+    def of(cls, reference_map: ReferenceMap, config: Config, software: BatchSoftware, cars: FloatArray) -> _Drives:
+        """Return the cells of cars, rows of PLANT_PARAMETERS, on the map."""
+        assert reference_map.case is not None  # a solved map has one
+        axis, angles = breakpoints(config)
+        speed: FloatArray = min(float(axis[-1]), config.top_speed_km_h * KM_H) * np.array(SPEED_SHARES)
+        speed = speed[speed >= max(float(axis[0]), config.controller.feedback_speeds_km_h[1] * KM_H)]
+        edge = turns_of(config, config.case(reference_map.case)).edge(speed, float(angles[-1])).front_angle
+        angle: FloatArray = np.outer(np.minimum(edge, angles[-1]), ANGLE_SHARES)
+        lanes = Lanes(
+            np.repeat(cars, angle.size, axis=0),
+            speed_factor=np.tile(np.repeat(speed, len(ANGLE_SHARES)), len(cars)),
+            wheel_factor=np.tile(angle.ravel(), len(cars)) * config.steering.ratio,
+            delay_samples=config.designed_delay_samples,
+        )
+        return cls(software, config, lanes)
+
+    @property
+    def runs(self) -> int:
+        """Number of runs: cars times cells."""
+        return len(self.lanes.cars)
+
+    def drive(self, rate_deg_s: float | None, driver: Driver) -> tuple[BoolArray, FloatArray]:
+        """Drive all cars in all cells, with the loss and this rate; None drives without a loss.
+
+        Returns:
+            (runs,) whether each spins, and (runs,) its largest sideslip angle after the loss, in deg.
+        """
+        period = self.config.controller.sampling_time_s
+        lost_from, samples = round(LOSS_TIME / period), round(DURATION / period)
+        parameters, lanes = tuned_parameters(self.software, self.config), self.lanes
+        if rate_deg_s is not None:
+            parameters.fail_safe_rate = math.radians(rate_deg_s)
+            noise = np.zeros((samples, len(NOISES), self.runs))
+            noise[lost_from:, : NOISES.index("yaw_rate") + 1] = math.nan
+            lanes = replace(lanes, noise=noise)
+        sideslip, slip = self.software.run(self._profile(driver), lanes, parameters, ("sideslip_rad", "slip_rear_rad"))
+        spins: BoolArray = np.any(is_spinning(sideslip, slip), axis=0)
+        return spins, np.degrees(np.nan_to_num(np.abs(sideslip[lost_from:]), nan=math.pi).max(axis=0))
+
+    def _profile(self, driver: Driver) -> FloatArray:
+        """Return the inputs (steps, 7), INPUT_COLUMNS, of a front angle of 1 rad / steering ratio at 1 m/s."""
+        profile = unit_step(self.software.config, STEER_TIME, DURATION)
+        time: FloatArray = np.arange(profile.shape[0], dtype=np.float64) * self.software.config.plant.sampling_time_s
+        share = np.clip((time - STEER_TIME) / STEER_DURATION, 0.0, 1.0)
+        share[time >= DRIVER_TIME] = driver(time[time >= DRIVER_TIME] - DRIVER_TIME)
+        profile[:, INPUT_COLUMNS.index("steering_wheel_command")] = share
+        return profile
+
 
 Progress = Callable[[int, int], None]
 
-STEP_BEYOND = 1.25
-"""Largest ratio of neighbouring breakpoints beyond those of `tuning.speed_km_h`."""
-
-FADED_TO = 0.8
-"""Share of the speed of whole feedback down to which the first gains are checked: below, little of the feedback is left."""
-
-BETWEEN = 3
-"""Number of speeds checked inside each interval of the schedule, including the middle, where interpolated gains differ most
-from a design, and below its first breakpoint."""
-
-RESERVES_MAX = 100
-
-UNBOUNDED = 999.99
-"""Substitute for an infinite margin or sensitivity, which a file cannot hold."""
-
-
-class Counted(IntEnum):
-    """Cars that meet the demands at a breakpoint."""
-
-    NOBODY = 0
-    CONFIGURED = 1
-    FAMILY = 2
-
-
-@dataclass
-class Breakpoint:
-    """Design state of a breakpoint. The first reserve is for rounding the gains, and for cars between the checked speeds."""
-
-    speed_km_h: float
-    beyond: bool
-    counted: Counted = Counted.FAMILY
-    reserves: int = 1
-    kp: float = 0.0
-    ki: float = 0.0
+TRIM_TIME_MAX_S = 0.3
+"""Largest time constant of the trim for a map of the nonlinear tyre; the trim must finish before the car counts as settled."""
 
 
 @dataclass(frozen=True, eq=False)
-class Design:
-    """A schedule and the cars for which it was designed, with one entry for each breakpoint.
+class Tuned:
+    """A configuration with its tuned controller, and the results of each step.
 
     Attributes:
-        schedule: gains and the worst margins of the counted cars that are not slow (`Member.is_slow`), or of the configured
-            car where none counts.
-        limiting: the counted car that is not slow and nearest to one of its demands, or misses it most.
-        slow: worst margins of the counted slow cars in dB and deg, and their peak sensitivity; None where none counts.
-        counted: number of members that meet the demands; 0 beyond the grid where no gains were found.
-        family_size: number of members.
+        config: kind "tracking", with gain schedule, look ahead, trim and rate of the fail-safe.
+        design: design of the gains.
+        responses: lead and response gain at each speed of the schedule that was driven; empty for a map that was not solved.
+        excess: excess of the reference model over the map with the response gain; None where none is possible.
+        fail_safe: rate of the fail-safe, and the candidates; None for a map that was not solved.
+        software: the build that was driven, without the parameters tuned on it (see `tuned_parameters`); None for
+            a map that was not solved.
     """
-
-    schedule: Schedule
-    limiting: tuple[Member, ...]
-    slow: tuple[tuple[float, ...] | None, ...]
-    counted: tuple[int, ...]
-    family_size: int
-
-
-def tune(config: Config, progress: Progress | None = None) -> Schedule:
-    """Return the gain schedule of a configuration (see `design`)."""
-    return design(config, progress).schedule
-
-
-def design(config: Config, progress: Progress | None = None) -> Design:
-    """Design the gain schedule; the same configuration gives the same gains.
-
-    Args:
-        config: `tuning` holds the family and the demands.
-        progress: called with (done, in all).
-
-    Raises:
-        ConfigError: no gains meet the demands at some speed of the grid, or there are too many breakpoints or members.
-    """
-    designer = _Designer(config, breakpoints(config), members(config))
-    steps = len(designer.points) + 1
-    for place in range(len(designer.points)):
-        designer.design(place)
-        if progress is not None:
-            progress(place + 1, steps)
-    designer.mend_between()
-    result = designer.result()
-    if progress is not None:
-        progress(steps, steps)
-    return result
-
-
-def breakpoints(config: Config) -> list[Breakpoint]:
-    """Return the breakpoints of `config.tuning` up to the top speed, the last speed of the grid, and that speed.
-
-    From the end of that list on, further ones are inserted.
-    """
-    top, listed = config.top_speed_km_h, config.tuning.speed_km_h
-    last = min(config.grid.last_speed_km_h, top)
-    inside = [speed for speed in listed if speed < 0.999 * last]  # no two points within rounding
-    inside = [*inside, *_up_to(last, listed[-1])] if inside else [FADED_TO * config.controller.feedback_speeds_km_h[1]]
-    points = [Breakpoint(speed, False) for speed in dict.fromkeys((*inside, last))]
-    points += [Breakpoint(speed, True) for speed in _up_to(top, last)]
-    if len(points) > SCHEDULE_POINTS_MAX:
-        raise ConfigError(
-            f"with those up to the top speed, {len(points)} breakpoints; a schedule has at most {SCHEDULE_POINTS_MAX}",
-            where="tuning.speed_km_h",
-            remedy=f"list {len(points) - SCHEDULE_POINTS_MAX} less",
-        )
-    return points
-
-
-def _up_to(last: float, first: float) -> list[float]:
-    """Return speeds above the first one up to the last one, at most STEP_BEYOND apart; none if the last one is not above it."""
-    if first >= 0.999 * last:
-        return []
-    steps = math.ceil(math.log(last / first) / math.log(STEP_BEYOND) - 1e-9)
-    return [round(first * (last / first) ** (k / steps), 1) for k in range(1, steps)] + [last]
-
-
-def round_down(value: float, digits: int = 4) -> float:
-    """Round a value from zero up towards zero to significant digits; fewer digits stay unchanged."""
-    if value == 0.0:
-        return 0.0
-    places = digits - 1 - math.floor(math.log10(value))
-    nearest = round(value, places)
-    return nearest if nearest <= value else round(nearest - 10.0**-places, places)
-
-
-@dataclass
-class _Designer:
-    """Design state of all breakpoints, and the sampled cars so far."""
 
     config: Config
-    points: list[Breakpoint]
-    family: tuple[Member, ...]
-    binding: list[Member] = field(default_factory=list)
-    sampled: dict[tuple[float, ...], SampledCar] = field(default_factory=dict)
-    frequency: FloatArray = field(init=False)
+    design: Design
+    responses: tuple[Response, ...]
+    excess: Excess | None
+    fail_safe: FailSafeRate | None
+    software: BatchSoftware | None
 
-    def __post_init__(self) -> None:
-        self.frequency = frequency_grid(self.config.controller.sampling_time_s)
-
-    def cars(self, speeds: tuple[float, ...], counted: Counted, beyond: bool) -> Cars:
-        """Return the cars that count at speeds (km/h) together."""
-        own = self.family.index(nominal(self.config))
-        if speeds not in self.sampled:
-            self.sampled[speeds] = sample(self.config, self.family, np.array(speeds) * KM_H)
-        sampled = self.sampled[speeds]
-        keep: BoolArray = np.full((len(self.family), len(speeds)), counted == Counted.FAMILY)
-        if beyond:
-            keep &= sampled.open_loop_stable()
-        keep[own] = counted != Counted.NOBODY
-        return Cars.of(self.family, speeds, sampled, keep, self.frequency)
-
-    def at(self, place: int) -> Cars:
-        """Return the cars that count at a breakpoint; for the first, those below it too."""
-        point, lowest = self.points[place], FADED_TO * self.config.controller.feedback_speeds_km_h[1]
-        speeds: tuple[float, ...] = (point.speed_km_h,)
-        if place == 0 and lowest < point.speed_km_h:
-            below = np.geomspace(lowest, point.speed_km_h, BETWEEN + 1)[:-1]
-            speeds += tuple(float(speed) for speed in below)
-        return self.cars(speeds, point.counted, point.beyond)
-
-    def design(self, place: int) -> None:
-        """Find the gains of a breakpoint; beyond the grid, for fewer cars where there are none for all."""
-        point = self.points[place]
-        while point.counted != Counted.NOBODY:
-            short = self._try(place, point.reserves)
-            if short is None:
-                return
-            if not point.beyond:
-                raise _unmet(self.config, short)
-            point.counted = Counted(point.counted - 1)
-
-    def _try(self, place: int, reserves: int) -> Shortfall | None:
-        """Set the best gains of a breakpoint with a number of reserves; where there are none, return the shortfall."""
-        point = self.points[place]
-        cars = self.at(place)
-        found = best_gains(cars, Demands.of(self.config.tuning, cars.members, reserves), self.binding)
-        if isinstance(found, Shortfall):
-            return found
-        point.kp, point.ki = (round_down(gain) for gain in found)
-        point.reserves = reserves
-        return None
-
-    def mend_between(self) -> None:
-        """Check the gains between breakpoints, and design the ends again until they hold there too."""
-        intervals = set(range(len(self.points) - 1))
-        waiting = set(intervals)
-        while waiting:
-            first = min(waiting)
-            short = self.between(first)
-            if short is None:
-                waiting.remove(first)
-                continue
-            waiting |= intervals & {place for end in self._mend(first, short) for place in (end - 1, end)}
-
-    def _mend(self, first: int, short: Shortfall) -> list[int]:
-        """Redesign breakpoints `first` and the next where the gains between fail; return the breakpoints that changed."""
-        mended = []
-        more = Demands.of(self.config.tuning, [short.member]).reserves_missing(short)
-        for place in (first, first + 1):
-            # First by the missing amount, because margins between two points rise about as much as at them; then step by step.
-            wanted = min(self.points[place].reserves + more, RESERVES_MAX)
-            if wanted > self.points[place].reserves and self._try(place, wanted) is None:
-                mended.append(place)
-        if mended:
-            return mended
-        last = self.points[first + 1]
-        if not last.beyond:
-            raise _unmet(self.config, short, (self.points[first].speed_km_h, last.speed_km_h))
-        last.counted, last.reserves = Counted(last.counted - 1), 1
-        self.design(first + 1)
-        return [first + 1]
-
-    def between(self, first: int) -> Shortfall | None:
-        """Return the worst car between breakpoint `first` and the next; None where all that count at both meet the demands."""
-        low, high = self.points[first], self.points[first + 1]
-        counted = min(low.counted, high.counted)
-        if counted == Counted.NOBODY:
-            return None
-        speeds = np.linspace(low.speed_km_h, high.speed_km_h, BETWEEN + 2)[1:-1]
-        cars = self.cars(tuple(float(speed) for speed in speeds), counted, high.beyond)
-        share = (np.array(cars.speeds) - low.speed_km_h) / (high.speed_km_h - low.speed_km_h)
-        kp, ki = low.kp + share * (high.kp - low.kp), low.ki + share * (high.ki - low.ki)
-        return cars.worst_for(Demands.of(self.config.tuning, cars.members), kp, ki)
-
-    def result(self) -> Design:
-        """Return the schedule with the margins at its breakpoints."""
-        found, limiting, slow, counted = [], [], [], []
-        for place, point in enumerate(self.points):
-            if point.counted == Counted.NOBODY:
-                point.kp, point.ki = self.points[place - 1].kp, self.points[place - 1].ki
-            cars = self.cars((point.speed_km_h,), max(point.counted, Counted.CONFIGURED), point.beyond)
-            quick, late = (
-                cars.pick([place for place, member in enumerate(cars.members) if member.is_slow == is_slow])
-                for is_slow in (False, True)
-            )
-            margins = quick.margins(point.kp, point.ki)
-            found.append(_rounded(worst_of(margins)[0]))
-            limiting.append(quick.members[int(Demands.of(self.config.tuning, quick.members).score(margins).argmin())])
-            slow.append(_rounded(worst_of(late.margins(point.kp, point.ki))[0]) if len(late) else None)
-            counted.append(len(cars) if point.counted else 0)
-        gain, phase, peak = (list(column) for column in zip(*found, strict=True))
-        schedule = Schedule(
-            speed_km_h=[point.speed_km_h for point in self.points],
-            proportional_gain_s=[point.kp for point in self.points],
-            integral_gain=[point.ki for point in self.points],
-            gain_margin_db=gain,
-            phase_margin_deg=phase,
-            sensitivity=peak,
-        )
-        return Design(schedule, tuple(limiting), tuple(slow), tuple(counted), len(self.family))
+    @property
+    def trim_is_enough(self) -> bool:
+        """Whether the trim takes back all of the excess."""
+        return self.excess is None or self.excess.trim_percent <= TRIM_MAX_PERCENT
 
 
-def _rounded(margins: Margins) -> tuple[float, ...]:
-    """Return margins (1,) as a file holds them."""
-    return tuple(float(np.round(np.minimum(value[0], UNBOUNDED), 2)) for value in margins.figures())
+def tune(reference_map: ReferenceMap, config: Config, progress: Progress | None = None, where: object = "tuned") -> Tuned:
+    """Tune the controller of a configuration for a map; the same input gives the same numbers.
+
+    Args:
+        reference_map: solved for the car of the configuration.
+        progress: called with (done, in all).
+        where: the place that an error names.
+
+    Raises:
+        ConfigError: no gains meet the demands, see `design`; the identification of the car is in doubt.
+        BuildError: no C compiler.
+        MapError: see `model_excess`.
+    """
+    require_accepted(config)
+    made = design(config, progress)
+    config = with_tracking(config, {"schedule": made.schedule}, where)
+    if not reference_map.solved:
+        return Tuned(config, made, (), None, None, None)
+    tracking = config.controller.tracking
+    if asks_for_more(reference_map, config):
+        config = with_tracking(config, {"trim_time_s": min(tracking.trim_time_s, TRIM_TIME_MAX_S)}, where)
+    least = tracking.trim_max_percent
+    start, _ = _with_trim(reference_map, config, least, where)
+    while True:  # the trim is part of the step responses, and their response gain reduces the excess
+        software = compile_controller(reference_map, start)
+        ahead, responses = tune_response(reference_map, start, made.schedule, software, progress)
+        config = with_tracking(start, with_response(start, made.schedule, ahead, responses), where)
+        changed, excess = _with_trim(reference_map, config, least, where)
+        if changed is config:
+            break
+        least = changed.controller.tracking.trim_max_percent  # from here on the trim only rises
+        start = with_tracking(start, {"trim_max_percent": least}, where)
+    fail_safe = tune_fail_safe(reference_map, config, software, progress)
+    config = with_controller(config, {"fail_safe": {"rate_deg_s": fail_safe.rate_deg_s}}, where)
+    return Tuned(config, made, responses, excess, fail_safe, software)
 
 
-def _unmet(config: Config, short: Shortfall, ends: tuple[float, float] | None = None) -> ConfigError:
-    """Return the error, with the breakpoints at both ends where the gains between them fail."""
-    if ends is not None:
-        return ConfigError(
-            f"straight lines between the gains at {ends[0]:g} and {ends[1]:g} km/h do not meet the demands: at "
-            f"{short.speed_km_h:.4g} km/h the car with {short.member} {short.reached}",
-            where="tuning.speed_km_h",
-            remedy="list a breakpoint between them",
-        )
-    prefix = "slow_" if short.member.is_slow else ""
-    narrow = "drive with more excitation, remove [identified]" if measured_keys(config) else "narrow the family"
-    return ConfigError(
-        f"no gains meet the demands at {short.speed_km_h:.4g} km/h: the car with {short.member} {short.reached}",
-        where="[tuning]",
-        remedy=f"lower {prefix}gain_margin_db or {prefix}phase_margin_deg, raise {prefix}sensitivity_max, {narrow}, "
-        "or end the grid sooner",
-    )
+def _with_trim(reference_map: ReferenceMap, config: Config, least: float, where: object) -> tuple[Config, Excess | None]:
+    """Return the configuration with the trim that the map needs, and the model's excess; None where none is possible.
+
+    A trim of which the build does not warn stays, so that the step responses stay too. Another one is `least` percent or more.
+    """
+    if not asks_for_more(reference_map, config):
+        return config, None
+    excess = model_excess(reference_map, extend(reference_map, config, config.steering.front_angle_stop), config)
+    needed, own = max(excess.trim_percent, 1), config.controller.tracking.trim_max_percent
+    trim = min(max(float(needed), least), TRIM_MAX_PERCENT)
+    if trim == own or excess.percent <= own <= TRIM_WARNING_FACTOR * needed:
+        return config, excess
+    return with_tracking(config, {"trim_max_percent": trim}, where), excess
+
+
+def with_tracking(config: Config, changes: Mapping[str, Any], where: object) -> Config:
+    """Return the configuration with kind "tracking" and changed keys of [controller.tracking]."""
+    return with_controller(config, {"tracking": changes}, where)
+
+
+def with_controller(config: Config, changes: Mapping[str, Mapping[str, Any]], where: object) -> Config:
+    """Return the configuration with kind "tracking" and changed keys of tables of [controller]."""
+    return config.replace({"controller": {"kind": "tracking", **changes}}, where)

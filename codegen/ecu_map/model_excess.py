@@ -37,6 +37,9 @@ EDGE_ALLOWANCE = 0.0075
 """Fraction of the yaw rate that is not counted at the edge itself, where the last cell of a grid cuts across the kink. It is
 less than the 1 % to which a slip bound is kept, because the slip grows 1.3 times as fast as the yaw rate there."""
 
+TRIM_WARNING_FACTOR = 2.0
+"""Warn when the trim exceeds this multiple of the required trim; extra trim increases overshoot."""
+
 COARSE = "a finer [grid], or a build with `max_error=`, brings what is interpolated closer to the optimum"
 """Remedy where no trim is enough."""
 

@@ -254,11 +254,11 @@ class _Lists:
             )
             for axis, top, quantity in zip((view.speed, view.front_angle), tops, quantities, strict=True)
         ]
-        speed, front_angle = axes
+        (speed, front_angle), texts = axes, view.layer_texts(" of")
         maps = [
             Adjustable(
                 name=f"{prefix}.map.{table.quantity}" + (f".{view.layer_names[k]}" if view.stacked else ""),
-                text=f"{table.title}, at a {'' if view.moving else 'road '}{view.layer_texts[k]}",
+                text=f"{table.title}, at a {'' if view.moving else 'road '}{texts[k]}",
                 type="MAP",
                 record=f"{self.prefix}_RAW_FUNCTION" if table.scale else f"{self.prefix}_FUNCTION",
                 conversion=self.raw(table) if table.scale else self.conversion(table.unit),
@@ -268,7 +268,7 @@ class _Lists:
                 axes=(front_angle, speed),
             )
             for table in view.tables
-            for k in range(len(table.layers))
+            for k in range(len(view.layer_values))
         ]
         return [*axes, *maps]
 

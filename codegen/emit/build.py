@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import hashlib
 import importlib.metadata
 import math
@@ -13,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from codegen import __version__
+from codegen import __version__, configuration
 from codegen.configuration import Config, check_name
 from codegen.configuration.signals import CARRIED, STATUSES
 from codegen.design.margins import margin_range_km_h
@@ -35,7 +36,7 @@ from codegen.emit.folder import Folder
 from codegen.emit.inputs_view import InputsView
 from codegen.emit.laws import law_of
 from codegen.emit.limiter_view import LimiterView, cut_text
-from codegen.emit.map_view import MapView, map_view
+from codegen.emit.map_view import MapView
 from codegen.emit.render import render, verbatim
 from codegen.emit.symbols import symbols_of
 from codegen.emit.take_over import FILE as SBOM
@@ -44,6 +45,7 @@ from codegen.emit.text import Precision, c_type, check_prefix, comment_text, lit
 from codegen.emit.xcp_view import xcp_view
 from codegen.errors import BuildError
 from codegen.map_file import judged
+from codegen.map_file import map as npz
 from codegen.map_file.map import ReferenceMap
 from codegen.map_file.tables import ACCELERATION
 from codegen.units import KM_H
@@ -71,6 +73,8 @@ OF_REFERENCE_MODEL = ("grip", "reference_model")
 """Units of the laws that use the reference model."""
 LINUX = ("ars_xcp.c", "ars_xcp.h")
 """C files of the Linux program that are the same in every build."""
+MAP_ARCHIVE, ARCHIVE_COLUMNS = "map_archive", 120
+"""Entry of the manifest with the file of the map, and the characters of each row."""
 BLANK_ID = "\0" * 8
 """Stands for the id while the files are rendered that it is a hash of. No other text has this character."""
 NUMBERS = {"zero": 0.0, "quarter": 0.25, "half": 0.5, "one": 1.0, "two": 2.0, "three": 3.0, "five": 5.0, "minus_one": -1.0}
@@ -196,8 +200,43 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
     }
     files[DEVIATIONS] = render("deviations.md.j2", {**context, "deviations": deviations(files)})
     files[SBOM] = sbom(files, code.facts)
-    manifest = {**code.facts, **evidence.to_dict(), **({} if judgement is None else {judged.KEY: judgement})}
+    manifest = {
+        **code.facts,
+        **evidence.to_dict(),
+        **({} if judgement is None else {judged.KEY: judgement}),
+        MAP_ARCHIVE: _archived(reference_map),
+    }
     return Folder(files=files, manifest=manifest)
+
+
+def _archived(reference_map: ReferenceMap) -> list[str]:
+    """Return the file of a map as rows of base64."""
+    text = base64.b64encode(npz.to_bytes(reference_map)).decode("ascii")
+    return [text[start : start + ARCHIVE_COLUMNS] for start in range(0, len(text), ARCHIVE_COLUMNS)]
+
+
+def code_again(manifest: Mapping[str, Any]) -> Folder:
+    """Render headers and sources again from the manifest of a build of this version, which carries its map.
+
+    Raises:
+        BuildError: the manifest has no map.
+        MapError, ConfigError: as `build`.
+    """
+    remedy = "build again with `codegen build`"
+    if MAP_ARCHIVE not in manifest:
+        raise BuildError("no map", where=f"manifest.json: {MAP_ARCHIVE}", remedy=remedy)
+    try:
+        data = base64.b64decode("".join(manifest[MAP_ARCHIVE]), validate=True)
+    except (TypeError, ValueError):
+        raise BuildError("not base64", where=f"manifest.json: {MAP_ARCHIVE}", remedy=remedy) from None
+    reference_map = npz.from_bytes(data, f"manifest.json: {MAP_ARCHIVE}")
+    config = configuration.parse(manifest["configuration"], "manifest.json: configuration")
+    given = manifest["options"]
+    request = None
+    if "storage" in given:
+        request = Request(given["max_error_rad_s"], given["max_flash_bytes"], given["storage"], "")
+    options = BuildOptions(manifest["name"], given["prefix"], given["precision"], request)
+    return build_code(reference_map, config, options, BuildInputs("", "", ""))
 
 
 def build_code(reference_map: ReferenceMap, config: Config, options: BuildOptions, inputs: BuildInputs) -> Folder:
@@ -254,7 +293,7 @@ def _code(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         sources=tuple(f"src/{options.prefix}_{source}.c" for source in sources),
     )
     lookup = Lookup.from_map(total, numpy_type(options.precision))
-    table = map_view(total, lookup, config, options.precision, options.prefix)
+    table = MapView(total, lookup, config, options.precision, options.prefix)
     constants = constants_of(config, total, lookup)
     dynamics = DynamicsView(config, options.precision)
     context: dict[str, Any] = {
@@ -458,7 +497,7 @@ def _facts(parts: _Parts, dynamics: DynamicsView, checksum: ChecksumView, identi
             "lookup_error_bound_rad_s": parts.error_bound,
             **_stack_facts(total),
             "flash_bytes": table.flash_bytes,
-            "checksum_crc32": f"{table.checksum_value:08x}",
+            "checksum_crc32": f"{table.checksum:08x}",
             "rules": {rule.value: {"cells": count, "text": RULE_TEXT[rule]} for rule, count in rule_counts(total).items()},
             "rule_by_speed_and_front_angle": ["".join(row) for row in total.rule],
             **grip_facts(total),

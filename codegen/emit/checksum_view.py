@@ -37,7 +37,7 @@ def checksum_view(config: Config, precision: Precision, map_view: MapView, model
     rest = b"".join(_bytes_of(each, precision) for each in parameters.values())
     if model is not None:
         rest += b"".join(_bytes([curve.compression, *curve.values], precision) for curve in model.curves.values())
-    return ChecksumView(zlib.crc32(rest, map_view.checksum_value), map_view.checksum_steps + 2 * len(rest), parameters)
+    return ChecksumView(zlib.crc32(rest, map_view.checksum), 2 * map_view.flash_bytes + 2 * len(rest), parameters)
 
 
 def _bytes_of(parameter: Parameter, precision: Precision) -> bytes:

@@ -320,6 +320,7 @@ TABLES: Mapping[str, Sequence[Callable[[Figures], Table]]] = {
     "static-analysis": (_pairs(("found by", "findings"), "findings"), _pairs(("rule", "deviations"), "deviations")),
     "processor-in-the-loop": (_streams, _pairs(("random steps that ended in", "steps"), "statuses"), _dynamics),
     "budgets": (_instructions, _stack, _memory),
+    "generator": (_pairs(("stream", "calls"), "calls"),),
     "law": (_ran(("compared", "number"), LAW_FIGURES), _pairs(("samples that ended in", "samples"), "statuses")),
     "sanitizers": (_ran(("what ran", "result"), SUITES), _fuzzed),
     "contracts": (_pairs(("contract of, or lemma", "result"), "harnesses"),),

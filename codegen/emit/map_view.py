@@ -1,11 +1,11 @@
-"""View model of the map: everything that its templates print, as text."""
+"""View model of the map, its axes and tables."""
 
 from __future__ import annotations
 
+import functools
 import zlib
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,11 +14,11 @@ from codegen.configuration import Config
 from codegen.ecu_map.extend import TotalMap
 from codegen.ecu_map.lookup import GRIP_LEAST, AxisConstants, Lookup
 from codegen.ecu_map.storage import Axis, raw_of
-from codegen.emit.laws import law_of
-from codegen.emit.text import Precision, c_type, lines_of, literal, shortest
+from codegen.emit.laws import Law, law_of
+from codegen.emit.text import Precision, c_type, shortest
 from codegen.errors import MapError
 from codegen.map_file.tables import ACCELERATION, FRICTION, PLAUSIBLE, Stack
-from codegen.units import KM_H, M_S, NONE, RAD, RAD_S, Unit
+from codegen.units import M_S, M_S2, NONE, RAD, RAD_S, Unit
 
 MAGNITUDE = "front_angle_magnitude"
 """Name of the C argument that is never negative."""
@@ -34,108 +34,216 @@ purpose moves it further."""
 
 
 @dataclass(frozen=True)
-class CellsView:
-    """Cells of one kind on an even axis, and the condition for a value to lie in them, given that no earlier one held."""
-
-    kind: Literal["core", "first", "last", "beyond"]
-    condition: str
-
-
-@dataclass(frozen=True)
 class AxisView:
-    """One axis. Fields that do not apply to its kind are empty."""
+    """One axis; `argument` is the C argument that is looked up on it."""
 
+    constants: AxisConstants
     name: str
-    title: str
     argument: str
     unit: Unit
-    locate: str
-    size: int
-    text: str
-    kind_text: str
-    top_text: str
-    even: bool
-    has_first_cell: bool
-    last_cell: int
-    cells: tuple[CellsView, ...]
-    total_text: str
-    start_text: str
-    counts_first: bool
-    steps: str
-    first_share: str
-    last_share: str
-    search_start: int
-    breakpoints: str
-    points: str
-    core_first: int
-    core_cells: int
-    lines: tuple[str, ...]
+    prefix: str
 
+    @property
+    def axis(self) -> Axis:
+        """The axis."""
+        return self.constants.axis
 
-@dataclass(frozen=True)
-class RowView:
-    """The numbers of a table at one speed."""
+    @property
+    def title(self) -> str:
+        """Name in words."""
+        return self.name.replace("_", " ").capitalize()
 
-    text: str
-    lines: tuple[str, ...]
+    @property
+    def locate(self) -> str:
+        """Name of the C function that searches it."""
+        return f"locate_{self.name}"
+
+    @property
+    def breakpoints(self) -> str:
+        """Name of the C array of its breakpoints."""
+        return f"{self.prefix}_map_{self.name}_breakpoints"
+
+    @property
+    def points(self) -> str:
+        """Name of the C constant of their number."""
+        return f"{self.prefix}_MAP_{self.name}_POINTS".upper()
+
+    @property
+    def size(self) -> int:
+        """Number of breakpoints."""
+        return self.axis.size
+
+    @property
+    def values(self) -> npt.NDArray[Any]:
+        """Breakpoints as the C stores them."""
+        return self.constants.table
+
+    @property
+    def text(self) -> str:
+        """Number and range of the breakpoints, in words."""
+        return _describe(self.axis, self.unit)
+
+    @property
+    def kind_text(self) -> str:
+        """Kind of its spacing, in words."""
+        return _kind_of(self.axis)
+
+    @property
+    def top_text(self) -> str:
+        """Last breakpoint, in both units."""
+        return _with_unit(float(self.axis.breakpoints[-1]), self.unit)
+
+    @property
+    def total_text(self) -> str:
+        """Treatment of arguments below the axis, in words."""
+        return "Not negative; NaN counts as zero" if self._is_magnitude else "NaN and what is below zero count as zero"
+
+    @property
+    def start_text(self) -> str:
+        """Arguments that the search leaves at the start, in words."""
+        return "NaN" if self._is_magnitude and not self.axis.has_first_cell else "zero, below it, or NaN"
+
+    @property
+    def _is_magnitude(self) -> bool:
+        return self.argument == MAGNITUDE
+
+    @property
+    def core_cells(self) -> int:
+        """Cells of equal width."""
+        return self.axis.core_end - self.axis.core_start
+
+    @property
+    def counts_first(self) -> bool:
+        """Whether the search counts the steps before it compares."""
+        return self.axis.even and not self.axis.has_last_cell
+
+    @property
+    def search_start(self) -> int:
+        """First stride of the search on an uneven axis."""
+        return self.axis.search_steps[0] if self.axis.search_steps else 0
+
+    def steps(self, count: str) -> str:
+        """Return the C expression of the steps from the start of the core, whose number of cells has the literal `count`."""
+        first, last = f"breakpoints[{self.axis.core_start}]", f"breakpoints[{self.axis.core_end}]"
+        if self.axis.core_start:
+            return f"(({self.argument} - {first}) / ({last} - {first})) * {count}"
+        return f"({self.argument} / {last}) * {count}"
+
+    @property
+    def last_share(self) -> str:
+        """C expression of the position in the last cell."""
+        last = f"breakpoints[{self.axis.core_end}]"
+        return f"({self.argument} - {last}) / (breakpoints[{self.size - 1}] - {last})"
+
+    def cells(self, count: str, zero: str) -> tuple[tuple[str, str], ...]:
+        """Return the cells of an even axis, in the order that finds the core with the fewest comparisons.
+
+        Each is its kind, "core", "first", "last" or "beyond", and the condition for an argument to lie in it, given that no
+        earlier one held. All conditions are false for NaN.
+        """
+        # The steps may round up to one cell too many. Where the table ends with the core, that cell does not exist, so the
+        # condition is on the steps instead of the argument.
+        axis = self.axis
+        counted, end = (self.argument, f"breakpoints[{axis.core_end}]") if axis.has_last_cell else ("steps", count)
+        beyond = ("last" if axis.has_last_cell else "beyond", f"{counted} >= {end}")
+        if self._is_magnitude and not axis.has_first_cell:
+            return ("core", f"{counted} < {end}"), beyond
+        core = ("core", f"{self.argument} >= {f'breakpoints[{axis.core_start}]' if axis.has_first_cell else zero}")
+        return beyond, core, *((("first", f"{self.argument} > {zero}"),) if axis.has_first_cell else ())
 
 
 @dataclass(frozen=True)
 class StackView:
-    """Axis of a stack: `one` and `many` of its quantity, C expressions of its values and of their number, and the values.
+    """Axis of a stack: its quantity, and the values of the layers, rising."""
 
-    `strongest` is the strongest braking of a stack over acceleration, the value of one that is unknown.
+    quantity: Stack
+    numbers: tuple[float, ...]
+    prefix: str
+
+    grip_least = GRIP_LEAST
+
+    @property
+    def values(self) -> str:
+        """C expression of the values."""
+        return f"{self.prefix}_constants.{self.quantity.key}s"
+
+    @property
+    def points(self) -> str:
+        """Name of the C constant of their number."""
+        return f"{self.prefix}_MAP_{self.quantity.key}_POINTS".upper()
+
+    @property
+    def text(self) -> str:
+        """The values with their unit."""
+        return f"{', '.join(f'{value:g}' for value in self.numbers)} {self.quantity.unit}".rstrip()
+
+    @property
+    def strongest(self) -> float:
+        """Strongest braking of a stack over acceleration, which counts while the acceleration is unknown."""
+        return min(self.numbers)
+
+
+@dataclass(frozen=True)
+class TableView:
+    """A table with the C function that looks it up.
+
+    Attributes:
+        quantity: its quantity; part of the names in C.
+        numbers: as the C stores them, (layers, speeds, front angles).
+        scale: value of a raw number 1; None for real numbers.
     """
 
-    one: str
-    many: str
-    values: str
-    points: str
-    text: str
-    grip_least: str
-    strongest: str
-
-
-@dataclass(frozen=True)
-class LayerView:
-    """One layer of a stack, or the only table."""
-
-    text: str
-    rows: tuple[RowView, ...]
-
-
-@dataclass(frozen=True)
-class NumbersView:
-    """The numbers of a table and the function that looks them up. For raw numbers `times` is a comment and `scale` the value of
-    one step; both are empty for real numbers."""
-
-    name: str
-    function: str
-    type: str
-    unit: Unit
-    times: str
-    scale: float | None
-    scale_name: str
-    scale_argument: str
-    layers: tuple[LayerView, ...]
-
-
-@dataclass(frozen=True)
-class TableView(NumbersView):
-    """A table on the shared axes that may be calibrated. `indices` are the C subscripts of its layers ("" if there is only
-    one). `are_between` and `crc_of` are the C functions for its numbers."""
-
     quantity: str
-    are_between: str
-    crc_of: str
-    low: float
-    high: float
-    indices: tuple[str, ...]
+    function: str
+    unit: Unit
+    numbers: npt.NDArray[Any]
+    scale: float | None
+    prefix: str
 
     @property
     def title(self) -> str:
-        """What it has, in words."""
+        """Quantity in words."""
         return self.quantity.replace("_", " ")
+
+    @property
+    def name(self) -> str:
+        """Name of the C array."""
+        return f"{self.prefix}_map_{self.quantity}_table"
+
+    @property
+    def kind(self) -> str:
+        """Kind of the C type of a number."""
+        return "real" if self.scale is None else "int16_t"
+
+    @property
+    def scale_name(self) -> str:
+        """C expression of the scale; "" for real numbers."""
+        return "" if self.scale is None else f"{self.prefix}_constants.{self.quantity}_scale"
+
+    @property
+    def scale_argument(self) -> str:
+        """The scale as an argument before others."""
+        return f"{self.scale_name}, " if self.scale_name else ""
+
+    @property
+    def are_between(self) -> str:
+        """C function that checks its range."""
+        return "are_between" if self.scale is None else "are_values_between"
+
+    @property
+    def crc_of(self) -> str:
+        """C function that continues a checksum with it."""
+        return "crc_of" if self.scale is None else "crc_of_raw"
+
+    @property
+    def low(self) -> float:
+        """Smallest value that calibration may set."""
+        return TABLE_RANGES[self.quantity][0]
+
+    @property
+    def high(self) -> float:
+        """Largest value that calibration may set."""
+        return TABLE_RANGES[self.quantity][1]
 
 
 @dataclass(frozen=True)
@@ -144,247 +252,207 @@ class GripView:
 
     speed: AxisView
     front_angle: AxisView
-    share: NumbersView
-    size: str
+    share: TableView
 
 
 @dataclass(frozen=True)
 class MapView:
-    """The tables with their axes and caps."""
+    """A total map with its lookup, and the tables that the configured law looks up.
+
+    Raises:
+        MapError: breakpoints are equal in the target's precision.
+    """
+
+    total: TotalMap
+    lookup: Lookup
+    config: Config
+    precision: Precision
+    prefix: str
 
     axis_tops = (SPEED_TOP, FRONT_ANGLE_TOP)
+    evenness = EVENNESS
 
-    speed: AxisView
-    front_angle: AxisView
-    evenness: str
-    tables: tuple[TableView, ...]
-    table_size: str
-    with_rear_angle: bool
-    is_raw: bool
-    stack: StackView | None
-    moving: bool
-    takes_acceleration: bool
-    with_axle_shares: bool
-    more_parameter: str
-    more_argument: str
-    more_of_sample: str
-    layer_names: tuple[str, ...]
-    layer_texts: tuple[str, ...]
-    layer_count: int
-    grip: GripView | None
-    rear_angle_max_text: str
-    cap_text: str
-    friction_text: str
-    checksum: str
-    checksum_value: int
-    checksum_steps: int
-    bits: int
-    bits_type: str
-    magnitude_bits: str
-    flash_bytes: int
+    def __post_init__(self) -> None:
+        for key, constants in (("vx", self.lookup.speed_axis), ("delta_f", self.lookup.front_axis)):
+            _check_apart(key, constants)
+
+    @functools.cached_property
+    def law(self) -> Law:
+        """The control law."""
+        return law_of(self.config)
+
+    @property
+    def speed(self) -> AxisView:
+        """Axis of the speeds, the rows."""
+        return AxisView(self.lookup.speed_axis, "speed", "speed", M_S, self.prefix)
+
+    @property
+    def front_angle(self) -> AxisView:
+        """Axis of the front angles, the columns."""
+        return AxisView(self.lookup.front_axis, "front_angle", MAGNITUDE, RAD, self.prefix)
+
+    @functools.cached_property
+    def tables(self) -> tuple[TableView, ...]:
+        """The tables on these axes."""
+        total, lookup = self.total, self.lookup
+        quantities = [("yaw_rate", "uncapped_yaw_rate", RAD_S), ("rear_angle", "rear_angle_of_table", RAD)]
+        found = []
+        for index, (quantity, function, unit) in enumerate(quantities[: 1 + self.with_rear_angle]):
+            scale, numbers = None, (lookup.tables, lookup.rear_tables)[index]
+            if total.scales is not None:
+                scale = getattr(total.scales, quantity)
+                numbers = np.stack([raw_of(getattr(layer, quantity), scale) for layer in total.stack])
+            found.append(self._table(quantity, function, unit, numbers, scale))
+        return tuple(found)
+
+    def _table(self, quantity: str, function: str, unit: Unit, numbers: npt.NDArray[Any], scale: float | None) -> TableView:
+        scale = None if scale is None else shortest(scale, self.precision)
+        return TableView(quantity, function, unit, numbers, scale, self.prefix)
+
+    @functools.cached_property
+    def grip(self) -> GripView | None:
+        """The table of the share that grip allows; None if there is none."""
+        total, lookup = self.total, self.lookup
+        if total.grip is None or lookup.grip is None:
+            return None
+        scale, numbers = total.grip.scale, lookup.grip.shares
+        if scale is not None:
+            numbers = np.stack([raw_of(layer.grip.share, scale) for layer in total.stack if layer.grip is not None])
+        return GripView(
+            speed=AxisView(lookup.grip.speed_axis, "grip_speed", "speed", M_S, self.prefix),
+            front_angle=AxisView(lookup.grip.front_axis, "grip_front_angle", MAGNITUDE, RAD, self.prefix),
+            share=self._table("grip_share", "grip_share", NONE, numbers, scale),
+        )
+
+    @property
+    def stack(self) -> StackView | None:
+        """Axis of the stack; None for a single map."""
+        return StackView(self.total.quantity, self.layer_values, self.prefix) if self.total.quantity else None
 
     @property
     def stacked(self) -> bool:
         """Whether there is a table for each layer of a stack."""
-        return self.stack is not None
+        return self.total.quantity is not None
 
+    @property
+    def layer_values(self) -> tuple[float, ...]:
+        """Friction or acceleration of each layer."""
+        moving = self.total.quantity is ACCELERATION
+        return tuple(layer.acceleration if moving else layer.friction for layer in self.total.stack)
 
-@dataclass(frozen=True)
-class _Options:
-    precision: Precision
-    prefix: str
+    def layer_texts(self, of: str = "") -> tuple[str, ...]:
+        """Return the quantity and value of each layer, in words."""
+        return tuple((self.total.quantity or FRICTION).text(value, of) for value in self.layer_values)
 
+    @property
+    def layer_names(self) -> tuple[str, ...]:
+        """Name of each layer."""
+        key = (self.total.quantity or FRICTION).key
+        return tuple(f"{key}_{value:g}".replace("-", "minus_") for value in self.layer_values)
 
-def map_view(total: TotalMap, lookup: Lookup, config: Config, precision: Precision, prefix: str) -> MapView:
-    """Return the view of a total map and its lookup, with the tables that the configured law looks up.
+    @property
+    def indices(self) -> tuple[str, ...]:
+        """C subscripts of the layers; "" if there is only one."""
+        return tuple(f"[{layer}u]" for layer in range(len(self.layer_values))) if self.stacked else ("",)
 
-    Raises:
-        MapError: breakpoints are equal in the target's precision.
-        ValueError: a number has no literal (a valid map excludes this).
-    """
-    options = _Options(precision, prefix)
-    for key, constants in (("vx", lookup.speed_axis), ("delta_f", lookup.front_axis)):
-        _check_apart(key, constants)
-    law, moving = law_of(config), lookup.is_moving
-    with_rear_angle = law.uses_rear_angle
-    takes_acceleration = ACCELERATION.key in config.can.vehicle_conditions.signals()
-    quantity, values = total.quantity or FRICTION, _values(total)
-    tables = tuple(_tables(total, lookup, options, with_rear_angle))
-    numbers = [*_calibration(total, lookup, with_rear_angle), *_grip_numbers(total, lookup)]
-    bits = lookup.table.dtype.itemsize * 8
-    checksum = zlib.crc32(b"".join(part.astype(part.dtype.newbyteorder("<")).tobytes() for part in numbers))
-    size = sum(part.nbytes for part in numbers)
-    grip = _grip_view(total, lookup, options)
-    names = (f"{prefix}_map_speed_breakpoints", f"{prefix}_map_front_angle_breakpoints")
-    speed = _axis_view(lookup.speed_axis, "speed", "speed", M_S, names[0], options)
-    front_angle = _axis_view(lookup.front_axis, "front_angle", MAGNITUDE, RAD, names[1], options)
-    return MapView(
-        speed=speed,
-        front_angle=front_angle,
-        evenness=literal(EVENNESS, precision),
-        tables=tables,
-        table_size=_size(total, speed.points, front_angle.points, prefix),
-        with_rear_angle=with_rear_angle,
-        is_raw=total.scales is not None,
-        stack=_stack_view(total.quantity, values, options) if total.quantity else None,
-        moving=moving,
-        with_axle_shares=moving and law.uses_reference_model,
-        takes_acceleration=takes_acceleration,
-        more_parameter=f", {c_type(precision)} {ACCELERATION.key}" if takes_acceleration else "",
-        more_argument=f", {ACCELERATION.key}" if moving else "",
-        more_of_sample=f", sample->{ACCELERATION.key}" if takes_acceleration else "",
-        layer_names=tuple(f"{quantity.key}_{value:g}".replace("-", "minus_") for value in values),
-        layer_texts=tuple(quantity.text(value, " of") for value in values),
-        layer_count=len(values),
-        grip=grip,
-        rear_angle_max_text=_with_unit(total.steering.rear_angle_max, RAD),
-        cap_text=f"{total.lateral_acceleration_cap:.4g} m/s^2",
-        friction_text=f"{total.friction:g}",
-        checksum=f"0x{checksum:08X}u",
-        checksum_value=checksum,
-        checksum_steps=2 * size,
-        bits=bits,
-        bits_type=f"uint{bits}_t",
-        magnitude_bits=magnitude_bits(bits),
-        flash_bytes=size,
-    )
+    @property
+    def layer_size(self) -> str:
+        """C dimension of the layers; "" for a single map."""
+        return f"[{self.stack.points}]" if self.stack else ""
+
+    @property
+    def with_rear_angle(self) -> bool:
+        """Whether the law looks up rear angles."""
+        return self.law.uses_rear_angle
+
+    @property
+    def is_raw(self) -> bool:
+        """Whether the tables have raw numbers."""
+        return self.total.scales is not None
+
+    @property
+    def moving(self) -> bool:
+        """Whether the layers are longitudinal accelerations."""
+        return self.lookup.is_moving
+
+    @property
+    def takes_acceleration(self) -> bool:
+        """Whether the build has the signal of the longitudinal acceleration."""
+        return ACCELERATION.key in self.config.can.vehicle_conditions.signals()
+
+    @property
+    def with_axle_shares(self) -> bool:
+        """Whether the lookup returns the grip of each axle."""
+        return self.moving and self.law.uses_reference_model
+
+    @property
+    def more_parameter(self) -> str:
+        """Parameter of a C function after the friction."""
+        return f", {c_type(self.precision)} {ACCELERATION.key}" if self.takes_acceleration else ""
+
+    @property
+    def more_argument(self) -> str:
+        """Argument for it, where the lookup uses it."""
+        return f", {ACCELERATION.key}" if self.moving else ""
+
+    @property
+    def more_of_sample(self) -> str:
+        """Argument for it from a sample."""
+        return f", sample->{ACCELERATION.key}" if self.takes_acceleration else ""
+
+    @property
+    def rear_angle_max_text(self) -> str:
+        """Largest rear angle of the optimisation, in both units."""
+        return _with_unit(self.total.steering.rear_angle_max, RAD)
+
+    @property
+    def cap_text(self) -> str:
+        """Largest lateral acceleration, in words."""
+        return f"{self.total.lateral_acceleration_cap:.4g} {M_S2}"
+
+    @property
+    def bits(self) -> int:
+        """Bits of a real number."""
+        return self.lookup.table.dtype.itemsize * 8
+
+    @property
+    def bits_type(self) -> str:
+        """C type of its bits."""
+        return f"uint{self.bits}_t"
+
+    @property
+    def magnitude_bits(self) -> str:
+        """Its bits without the sign."""
+        return magnitude_bits(self.bits)
+
+    @functools.cached_property
+    def _numbers(self) -> list[npt.NDArray[Any]]:
+        """Numbers of the checksum, in its order."""
+        real, lookup = self.lookup.real, self.lookup
+        found = [each.numbers for each in self.tables]
+        found += [np.array([each.scale], dtype=real) for each in self.tables if each.scale is not None]
+        found += [lookup.values] if lookup.values.size > 1 else []
+        found += [lookup.speed_axis.table, lookup.front_axis.table]
+        if self.grip:
+            share = self.grip.share
+            found += [share.numbers, *([] if share.scale is None else [np.array([share.scale], dtype=real)])]
+            found += [self.grip.speed.values, self.grip.front_angle.values]
+        return found
+
+    @functools.cached_property
+    def checksum(self) -> int:
+        """CRC-32 of the map."""
+        return zlib.crc32(b"".join(part.astype(part.dtype.newbyteorder("<")).tobytes() for part in self._numbers))
+
+    @property
+    def flash_bytes(self) -> int:
+        """Bytes of its numbers."""
+        return sum(part.nbytes for part in self._numbers)
 
 
 def magnitude_bits(bits: int) -> str:
     """Return all bits of a number of that many bits except its sign, as a C literal."""
     return "0x7FFFFFFFu" if bits == 32 else "0x7FFFFFFFFFFFFFFFu"
-
-
-def _size(total: TotalMap, speeds: int | str, front_angles: int | str, prefix: str) -> str:
-    """Return the size of a table in C; a stack has one more dimension."""
-    layers = f"[{_points(total.quantity, prefix)}]" if total.quantity else ""
-    return f"{layers}[{speeds}][{front_angles}]"
-
-
-def _points(quantity: Stack, prefix: str) -> str:
-    return f"{prefix}_MAP_{quantity.key}_POINTS".upper()
-
-
-def _values(total: TotalMap) -> list[float]:
-    """Return the friction or acceleration of each layer."""
-    moving = total.quantity is ACCELERATION
-    return [layer.acceleration if moving else layer.friction for layer in total.stack]
-
-
-def _stack_view(quantity: Stack, values: Sequence[float], options: _Options) -> StackView:
-    name = f"{options.prefix}_constants.{quantity.key}s"
-    text = ", ".join(f"{value:g}" for value in values)
-    return StackView(
-        one=quantity.one,
-        many=quantity.many,
-        values=name,
-        points=_points(quantity, options.prefix),
-        text=f"{text}{' ' if quantity.unit else ''}{quantity.unit}",
-        grip_least=literal(GRIP_LEAST, options.precision),
-        strongest=literal(min(values), options.precision),
-    )
-
-
-def _grip_view(total: TotalMap, lookup: Lookup, options: _Options) -> GripView | None:
-    if total.grip is None or lookup.grip is None:
-        return None
-    speed, front_angle, scale = lookup.grip.speed_axis, lookup.grip.front_axis, total.grip.scale
-    prefix = f"{options.prefix}_map_grip"
-    return GripView(
-        speed=_axis_view(speed, "grip_speed", "speed", M_S, f"{prefix}_speed_breakpoints", options),
-        front_angle=_axis_view(front_angle, "grip_front_angle", MAGNITUDE, RAD, f"{prefix}_front_angle_breakpoints", options),
-        share=NumbersView(
-            name=f"{prefix}_share_table",
-            function="grip_share",
-            layers=_layers(total, total.grip.speed, _grip_numbers(total, lookup)[0], options.precision),
-            **_storage("grip_share", NONE, scale, options),
-        ),
-        size=_size(total, speed.axis.size, front_angle.axis.size, options.prefix),
-    )
-
-
-def _grip_numbers(total: TotalMap, lookup: Lookup) -> list[npt.NDArray[Any]]:
-    """Return the grip table as the C stores it: shares (k, a, b), scale of raw shares, both axes. Empty if there is none."""
-    if total.grip is None or lookup.grip is None:
-        return []
-    scale, axes = total.grip.scale, (lookup.grip.speed_axis.table, lookup.grip.front_axis.table)
-    if scale is None:
-        return [lookup.grip.shares, *axes]
-    shares = np.stack([raw_of(layer.grip.share, scale) for layer in total.stack if layer.grip is not None])
-    return [shares, np.array([scale], dtype=lookup.real), *axes]
-
-
-def _tables(total: TotalMap, lookup: Lookup, options: _Options, with_rear_angle: bool) -> Iterator[TableView]:
-    functions = [("yaw_rate", "uncapped_yaw_rate", RAD_S), ("rear_angle", "rear_angle_of_table", RAD)]
-    stored = _stored(total, lookup, with_rear_angle)
-    for (quantity, function, unit), (numbers, scale) in zip(functions, stored, strict=False):
-        low, high = TABLE_RANGES[quantity]
-        yield TableView(
-            quantity=quantity,
-            name=f"{options.prefix}_map_{quantity}_table",
-            function=function,
-            are_between="are_between" if scale is None else "are_values_between",
-            crc_of="crc_of" if scale is None else "crc_of_raw",
-            low=low,
-            high=high,
-            layers=_layers(total, total.speed, numbers, options.precision),
-            indices=_indices(len(numbers), bool(total.layers)),
-            **_storage(quantity, unit, scale, options),
-        )
-
-
-def _storage(quantity: str, unit: Unit, scale: float | None, options: _Options) -> dict[str, Any]:
-    """Return the fields of a view that describe how the C stores a table's numbers."""
-    factor = "" if scale is None else literal(scale, options.precision)
-    name = f"{options.prefix}_constants.{quantity}_scale"
-    return {
-        "type": "int16_t" if factor else c_type(options.precision),
-        "unit": unit,
-        "times": f" = {factor} * raw" if factor else "",
-        "scale": None if scale is None else shortest(scale, options.precision),
-        "scale_name": name if factor else "",
-        "scale_argument": f"{name}, " if factor else "",
-    }
-
-
-def _stored(total: TotalMap, lookup: Lookup, with_rear_angle: bool) -> list[tuple[npt.NDArray[Any], float | None]]:
-    """Return the tables (k, n, m) as the C stores them, each with its scale; None for real numbers."""
-    count, scales = 1 + with_rear_angle, total.scales
-    if scales is None:
-        return [(table, None) for table in (lookup.tables, lookup.rear_tables)[:count]]
-    named = (("yaw_rate", scales.yaw_rate), ("rear_angle", scales.rear_angle))[:count]
-    return [(np.stack([raw_of(getattr(layer, name), scale) for layer in total.stack]), scale) for name, scale in named]
-
-
-def _calibration(total: TotalMap, lookup: Lookup, with_rear_angle: bool) -> list[npt.NDArray[Any]]:
-    """Return the numbers of the checksum in its order, without the grip table, which comes last."""
-    values = [lookup.values] if lookup.values.size > 1 else []
-    stored = _stored(total, lookup, with_rear_angle)
-    scales = [np.array([scale], dtype=lookup.real) for _, scale in stored if scale is not None]
-    return [*(table for table, _ in stored), *scales, *values, lookup.speed_axis.table, lookup.front_axis.table]
-
-
-def _layers(
-    total: TotalMap, speeds: npt.NDArray[np.float64], tables: npt.NDArray[Any], precision: Precision
-) -> tuple[LayerView, ...]:
-    return tuple(
-        LayerView(
-            text=(total.quantity or FRICTION).text(value),
-            rows=tuple(
-                RowView(f"{speed / KM_H:.4g} km/h", lines_of([_number(value, precision) for value in row]))
-                for speed, row in zip(speeds, table, strict=True)
-            ),
-        )
-        for value, table in zip(_values(total), tables, strict=True)
-    )
-
-
-def _number(value: Any, precision: Precision) -> str:
-    return str(int(value)) if isinstance(value, np.integer) else literal(value, precision)
-
-
-def _indices(layers: int, stacked: bool) -> tuple[str, ...]:
-    return tuple(f"[{layer}u]" for layer in range(layers)) if stacked else ("",)
 
 
 def _check_apart(key: str, constants: AxisConstants) -> None:
@@ -404,56 +472,6 @@ def _check_apart(key: str, constants: AxisConstants) -> None:
             where=key,
             remedy="remove every second breakpoint, or build with `precision='double'`",
         )
-
-
-def _axis_view(constants: AxisConstants, name: str, argument: str, unit: Unit, breakpoints: str, options: _Options) -> AxisView:
-    axis: Axis = constants.axis
-    first, last = f"breakpoints[{axis.core_start}]", f"breakpoints[{axis.core_end}]"
-    count = literal(float(axis.core_end - axis.core_start), options.precision)
-    return AxisView(
-        name=name,
-        title=name.replace("_", " ").capitalize(),
-        argument=argument,
-        unit=unit,
-        locate=f"locate_{name}",
-        size=axis.size,
-        text=_describe(axis, unit),
-        kind_text=_kind_of(axis),
-        top_text=_with_unit(float(axis.breakpoints[-1]), unit),
-        even=axis.even,
-        has_first_cell=axis.has_first_cell,
-        last_cell=axis.size - 2,
-        cells=_cells(axis, argument, count, literal(0.0, options.precision)) if axis.even else (),
-        total_text="Not negative; NaN counts as zero" if argument == MAGNITUDE else "NaN and what is below zero count as zero",
-        start_text="NaN" if argument == MAGNITUDE and not axis.has_first_cell else "zero, below it, or NaN",
-        counts_first=axis.even and not axis.has_last_cell,
-        steps=(
-            f"(({argument} - {first}) / ({last} - {first})) * {count}"
-            if axis.core_start
-            else f"({argument} / {last}) * {count}"
-        ),
-        first_share=f"{argument} / breakpoints[1]",
-        last_share=f"({argument} - {last}) / (breakpoints[{axis.size - 1}] - {last})",
-        search_start=axis.search_steps[0] if axis.search_steps else 0,
-        breakpoints=breakpoints,
-        points=f"{options.prefix.upper()}_MAP_{name.upper()}_POINTS",
-        core_first=axis.core_start,
-        core_cells=axis.core_end - axis.core_start,
-        lines=lines_of([literal(value, options.precision) for value in np.asarray(constants.table)]),
-    )
-
-
-def _cells(axis: Axis, argument: str, count: str, zero: str) -> tuple[CellsView, ...]:
-    """Return the cells in the order that finds the core with the fewest comparisons. All conditions are false for NaN."""
-    # The steps may round up to one cell too many. Where the table ends with the core, that cell does not exist, so the
-    # condition is on the steps instead of the argument.
-    counted, end = (argument, f"breakpoints[{axis.core_end}]") if axis.has_last_cell else ("steps", count)
-    beyond = CellsView("last" if axis.has_last_cell else "beyond", f"{counted} >= {end}")
-    if argument == MAGNITUDE and not axis.has_first_cell:
-        return CellsView("core", f"{counted} < {end}"), beyond
-    core = CellsView("core", f"{argument} >= {f'breakpoints[{axis.core_start}]' if axis.has_first_cell else zero}")
-    first = (CellsView("first", f"{argument} > {zero}"),) if axis.has_first_cell else ()
-    return beyond, core, *first
 
 
 def _with_unit(value: float, unit: Unit) -> str:

@@ -23,7 +23,7 @@ from codegen.emit.text import literal as literal_text
 from codegen.errors import BuildError
 from codegen.units import Unit
 
-C_TYPES = ("bool", "uint8_t", "uint16_t", "uint32_t")
+C_TYPES = ("bool", "int16_t", "uint8_t", "uint16_t", "uint32_t")
 """Types of C among those of members."""
 
 

@@ -24,17 +24,16 @@ from codegen.emit.laws import law_of
 from codegen.errors import MapError, within
 from codegen.explore.controls import Control, Step, apply, checked, controls_of
 from codegen.explore.recalibrated import Calibration, Recalibrated
+from codegen.figures.data import packed
+from codegen.figures.maps import binding_colours, phase_lines
+from codegen.judgement.build_warnings import family_warnings
+from codegen.judgement.car_warnings import car_warnings
 from codegen.judgement.model import MISSING, Stored, of_map
 from codegen.map_file import map as npz
 from codegen.map_file.bounds import binding_text
 from codegen.map_file.map import ReferenceMap
 from codegen.map_file.tables import ACCELERATION, ALL_BINDING, FRICTION
 from codegen.optimum.solve import solve_case
-from codegen.plausibility.build import family_warnings
-from codegen.plausibility.car import car_warnings
-from codegen.report.html import blocks
-from codegen.report.map_plots import binding_colours
-from codegen.report.style import phase_lines
 from codegen.units import KM_H
 from hil_sim import manoeuvres
 from hil_sim.metrics.run import column, spin_time
@@ -76,10 +75,10 @@ def map_data(reference_map: ReferenceMap, known: list[int]) -> Data:
     return {
         "speed_km_h": numbers(reference_map.speed / KM_H),
         "front_angle_deg": numbers(np.degrees(reference_map.front_angle)),
-        "yaw_rate": blocks.numbers(np.degrees(reference_map.yaw_rate).T),
-        "sideslip": blocks.numbers(np.degrees(reference_map.sideslip).T),
-        "rear_angle": blocks.numbers(np.degrees(reference_map.rear_angle).T),
-        "binding": blocks.small(np.where(feasible, places[active], np.uint8(255)).T),
+        "yaw_rate": packed(np.degrees(reference_map.yaw_rate).T),
+        "sideslip": packed(np.degrees(reference_map.sideslip).T),
+        "rear_angle": packed(np.degrees(reference_map.rear_angle).T),
+        "binding": packed(np.where(feasible, places[active], np.uint8(255)).T),
         "binding_names": [binding_text(flags) for flags in known],
         "binding_colours": binding_colours(known),
         "phase_lines": [[numbers(piece[:, 0], 3), numbers(piece[:, 1], 3)] for piece in phase_lines(reference_map)],

@@ -25,9 +25,9 @@ from codegen.errors import CodegenError
 from codegen.explore.controls import GROUP_TITLES, ExploreError
 from codegen.explore.explorer import Explorer
 from codegen.explore.toml_file import Existing, Target
-from codegen.report.html.blocks import scale_of
+from codegen.figures.data import CONTROLLER_COLOURS, INK, scale_of
+from codegen.figures.maps import QUANTITIES
 from codegen.report.html.page import plotly_javascript
-from codegen.report.style import BLACK, CONTROLLER_COLOURS, QUANTITIES
 
 FILE = "ars.toml"
 CONTROL_FIELDS = ("key", "label", "unit", "low", "high", "step", "bounds", "value", "logarithmic")
@@ -57,7 +57,7 @@ class Asset:
 
 def controller_colours() -> str:
     """Return CSS with the colour of each kind of controller as --now, and of the passive car as --passive; black is --ink."""
-    colours = {kind: "var(--ink)" if colour == BLACK else colour for kind, colour in CONTROLLER_COLOURS.items()}
+    colours = {kind: "var(--ink)" if colour == INK else colour for kind, colour in CONTROLLER_COLOURS.items()}
     passive = colours.pop("passive")
     rules = [f':root[data-kind="{kind}"] {{ --now: {colour}; }}' for kind, colour in colours.items()]
     return "\n".join((f":root {{ --passive: {passive}; }}", *rules, ""))

@@ -18,6 +18,7 @@ from codegen.export.elf import Elf, Place
 _BLOCK = re.compile(
     r"^ *\/begin (?P<kind>AXIS_PTS|CHARACTERISTIC|MEASUREMENT) (?P<name>\S+) .*?^ *\/end (?P=kind)\n", re.DOTALL | re.MULTILINE
 )
+NOT_FOUND_REMEDY = "link the program with this build and compile it with -g; keep the calibration from --gc-sections and -flto"
 _LINK = re.compile(r'SYMBOL_LINK "(?P<path>[^"]*)" 0')
 _ADDRESS = re.compile(r"\b0x00000000\b")
 _AXIS_POINTS = re.compile(r"COM_AXIS \S+ \S+ (\d+)|\w+_BREAKPOINTS 0 \S+ (\d+)")
@@ -120,7 +121,7 @@ class _Blocks:
             raise BuildError(
                 f"no variable {link['path']}",
                 where=self.elf.name,
-                remedy="link the program with this build and compile it with -g; keep the calibration from --gc-sections",
+                remedy=NOT_FOUND_REMEDY,
             )
         self._check(text, name, place)
         self.calibration.append(place)
@@ -166,7 +167,7 @@ def _check_same_build(elf: Elf, prefix: str, identity: str) -> Place:
         raise BuildError(
             f"no variable {prefix}_epk",
             where=elf.name,
-            remedy="link the program with this build and compile it with -g; keep the calibration from --gc-sections",
+            remedy=NOT_FOUND_REMEDY,
         )
     found = (elf.bytes_at(place.address, place.bytes) or b"").rstrip(b"\0").decode("ascii", "replace")
     if found != identity:

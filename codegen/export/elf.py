@@ -13,13 +13,14 @@ from pathlib import Path, PurePath
 from typing import Any, Literal, Self
 
 from codegen.errors import BuildError, CodegenError
-from codegen.files import read_file
+from codegen.files import read_file, refuse_empty
 from codegen.limits import SMALL_SLOW_BYTES, Limits
 from codegen.requirements import missing
 
 ELF_BYTES_MAX = 2**30
 """Largest program file with debug information, in bytes."""
 _SHF_ALLOC = 2
+_SHF_EXECINSTR = 4
 
 Kind = Literal["float", "unsigned", "signed"]
 
@@ -99,6 +100,12 @@ class Elf:
                 where=self.name,
                 remedy="give the linked program; on a PC, link it with -no-pie",
             )
+        if any(each["sh_flags"] & _SHF_EXECINSTR and each["sh_type"] == "SHT_NOBITS" for each in self._file.iter_sections()):
+            raise BuildError(
+                "it has debug information alone, without code and values (objcopy --only-keep-debug)",
+                where=self.name,
+                remedy="give the linked program itself",
+            )
         self.is_little: bool = self._file.little_endian
         self._symbols = self._read_symbols()
         self._variables = self._read_variables()
@@ -106,7 +113,9 @@ class Elf:
     @classmethod
     def read(cls, path: Path) -> Self:
         """Read a program. Raises BuildError: not an ELF, not linked, or without symbols or debug information."""
-        return cls(str(path), read_file(path, ELF_BYTES_MAX, "give the linked program", BuildError))
+        content = read_file(path, ELF_BYTES_MAX, "give the linked program", BuildError)
+        refuse_empty(len(content), path, BuildError)
+        return cls(str(path), content)
 
     def is_stripped_to(self, other: bytes) -> bool:
         """Return whether another file of the program has the same sections in memory, at the same addresses."""

@@ -31,6 +31,7 @@ from codegen.errors import CodegenError
 from codegen.files import write_atomically
 from codegen.requirements import missing
 from codegen.sil.software import RECORD_COLUMNS, Status
+from codegen.units import unit_of_name
 from hil_sim.logs import EPOCH, to_csv
 
 MAT_HEADER_BYTES = 116
@@ -39,27 +40,31 @@ MAT_HEADER_BYTES = 116
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a run: name with a suffix for the unit, the unit itself, and its meaning."""
+    """A column of a run: its name, which ends with the unit, and its meaning."""
 
     name: str
-    unit: str
     meaning: str
+
+    @property
+    def unit(self) -> str:
+        """Symbol of its unit."""
+        return unit_of_name(self.name).symbol
 
 
 COLUMNS = (
-    Column("time_s", "s", "Time since the start of the run"),
-    Column("speed_m_s", "m/s", "Speed along the car's axis, negative in reverse"),
-    Column("front_angle_rad", "rad", "Steer angle of the front road wheels, positive to the left"),
-    Column("yaw_rate_rad_s", "rad/s", "Yaw rate, positive to the left"),
-    Column("yaw_rate_reference_rad_s", "rad/s", "Yaw rate that the controller aims at"),
-    Column("sideslip_rad", "rad", "Sideslip angle at the centre of gravity, positive to the left"),
-    Column("lateral_acceleration_m_s2", "m/s^2", "Lateral acceleration at the centre of gravity, positive to the left"),
-    Column("rear_angle_command_rad", "rad", "Steer angle of the rear road wheels that the controller commands"),
-    Column("rear_angle_rad", "rad", "Steer angle of the rear road wheels that the actuator has reached"),
-    Column("slip_front_rad", "rad", "Slip angle at the middle of the front axle"),
-    Column("slip_rear_rad", "rad", "Slip angle at the middle of the rear axle"),
-    *(Column(each.variable, each.unit.symbol, each.meaning.capitalize()) for each in RECORDED),
-    Column("status", "", "What the step of the controller did"),
+    Column("time_s", "Time since the start of the run"),
+    Column("speed_m_s", "Speed along the car's axis, negative in reverse"),
+    Column("front_angle_rad", "Steer angle of the front road wheels, positive to the left"),
+    Column("yaw_rate_rad_s", "Yaw rate, positive to the left"),
+    Column("yaw_rate_reference_rad_s", "Yaw rate that the controller aims at"),
+    Column("sideslip_rad", "Sideslip angle at the centre of gravity, positive to the left"),
+    Column("lateral_acceleration_m_s2", "Lateral acceleration at the centre of gravity, positive to the left"),
+    Column("rear_angle_command_rad", "Steer angle of the rear road wheels that the controller commands"),
+    Column("rear_angle_rad", "Steer angle of the rear road wheels that the actuator has reached"),
+    Column("slip_front_rad", "Slip angle at the middle of the front axle"),
+    Column("slip_rear_rad", "Slip angle at the middle of the rear axle"),
+    *(Column(each.variable, each.meaning.capitalize()) for each in RECORDED),
+    Column("status", "What the step of the controller did"),
 )
 """RECORD_COLUMNS with their units and meanings. Signs follow ISO 8855."""
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from codegen.arrays import FloatArray
 from codegen.errors import CodegenError, suggestion
+from codegen.files import distinct_names
 from codegen.identify.channels import CAUSES_SHOWN, Channel, Log, read_channels
 from codegen.identify.conditioning import Conditioned, condition
 from codegen.identify.cross_checks import cross_check, without_frozen, without_saturated
@@ -19,7 +20,7 @@ from codegen.identify.findings import REMARK, UNUSED, Finding, merged
 from codegen.identify.names import NO_SETTINGS, Names, SignalChoice, line_of
 from codegen.identify.quantities import QUANTITIES, REQUIRED, Quantity
 from codegen.identify.resampling import TIME_RESOLUTION_S, resample
-from codegen.importing.quantities import unit_of
+from codegen.importing.quantities import BRACKETED, unit_of
 from codegen.logs.account import BusLog
 from codegen.logs.databases import Databases
 from codegen.logs.measurement import Account, Samples
@@ -114,12 +115,11 @@ class _MissingSignalError(CodegenError):
 
 
 def _drive_names(logs: Sequence[Path]) -> list[str]:
-    """Return a name for each log: its stem, or as much of its path as makes it unique. Raises CodegenError for a repetition."""
+    """Return a name for each log, see `distinct_names`. Raises CodegenError for a repetition."""
     repeated = [path for path, count in Counter(path.resolve() for path in logs).items() if count > 1]
     if repeated:
         raise CodegenError("given twice", where=repeated[0], remedy="give each log once")
-    choices = [path.stem for path in logs], [path.name for path in logs], [str(path) for path in logs]
-    return next(names for names in choices if len(set(names)) == len(names))
+    return distinct_names(logs)
 
 
 def _read(
@@ -264,7 +264,7 @@ def _by_name(log: Log, choice: SignalChoice, key: str, path: Path) -> Channel:
     """Return the channel that names.toml names. Raises CodegenError if there is none or more than one."""
     for text in choice.signals:
         exact = [channel for channel in log.channels if channel.path == text]
-        found = exact or [channel for channel in log.channels if text in (channel.name.text, channel.path.rpartition(".")[2])]
+        found = exact or [channel for channel in log.channels if text in _short_names(channel)]
         if len(found) == 1:
             return found[0]
         if found:
@@ -276,6 +276,11 @@ def _by_name(log: Log, choice: SignalChoice, key: str, path: Path) -> Channel:
     text = choice.signals[0]
     remedy = f"correct the name in names.toml{suggestion(text, known)}"
     raise _MissingSignalError(f"the log has no signal {text!r}", where=f"{path}: {key}", remedy=remedy)
+
+
+def _short_names(channel: Channel) -> tuple[str, ...]:
+    """Return the names of a channel without its message or group, and without a unit in brackets."""
+    return channel.name.text, channel.path.rpartition(".")[2], BRACKETED.sub("", channel.name.text)
 
 
 def _not_clear(group: Sequence[str], unclear: Mapping[str, Sequence[Channel]], log: Log, path: Path) -> CodegenError:

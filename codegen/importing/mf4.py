@@ -20,6 +20,9 @@ FRAME_CHANNELS = ("CAN_DataFrame", "CAN_RemoteFrame", "CAN_ErrorFrame", "CAN_Ove
 """Channels of the log of a bus (ASAM MDF 4.1, bus logging)."""
 
 
+CHANNELS_SHOWN = 20
+
+
 def is_bus_log(mdf: MDF) -> bool:
     """Return whether a file has frames of a bus."""
     return any(name in mdf.channels_db for name in FRAME_CHANNELS)
@@ -34,16 +37,29 @@ def columns(path: Path, names: Sequence[str], bytes_max: int) -> tuple[list[Floa
     with library_warnings.collected() as warnings, MDF(path) as mdf:
         if is_bus_log(mdf):
             return None
+        if absent := [name for name in names if name not in mdf.channels_db]:
+            raise ValueError(_absent(absent, mdf))
         _check_size(mdf, [place for name in names for place in mdf.channels_db[name][:1]], bytes_max)
         found = [_column(mdf, name, warnings) for name in names]
     return found, warnings
+
+
+def _absent(absent: Sequence[str], mdf: MDF) -> str:
+    """Return a text about channels that a file does not have, with those that it has."""
+    present = list(mdf.channels_db)
+    shown = ", ".join(present[:CHANNELS_SHOWN]) or "none"
+    more = f" and {len(present) - CHANNELS_SHOWN} more" if len(present) > CHANNELS_SHOWN else ""
+    return f"it has no channel {', '.join(absent)}; its channels are {shown}{more}"
 
 
 def _column(mdf: MDF, name: str, notes: list[str]) -> FloatArray:
     signal = mdf.get(name, ignore_invalidation_bits=True)
     samples: AnyArray = signal.samples
     if samples.dtype.kind not in "biuf":
-        samples = mdf.get(name, raw=True, ignore_invalidation_bits=True).samples
+        raw = np.array(mdf.get(name, raw=True, ignore_invalidation_bits=True).samples, dtype=np.float64)
+        numbers = np.array([_number(sample) for sample in samples.tolist()], dtype=np.float64)
+        is_scaled = bool(np.any(np.isfinite(numbers) & (numbers != raw)))  # then the texts mark values that are not available
+        samples = numbers if is_scaled else raw
     values = np.array(samples, dtype=np.float64)
     valid = _valid(signal)
     if not valid.all():

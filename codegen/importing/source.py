@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from codegen.errors import CodegenError
-from codegen.files import decoded, read_file
+from codegen.files import decoded, read_file, refuse_empty, refuse_utf16
 
 MIB = 2**20
 
@@ -40,13 +40,13 @@ class Source:
 def read(path: Path, limit: int) -> Source:
     """Read a regular file of at most `limit` bytes. Raises ImportFault."""
     data = read_file(path, limit, "name the file to import", ImportFault, smaller="leave out what is not needed")
-    if not data:
-        raise ImportFault("empty", where=path, remedy="save it again")
+    refuse_empty(len(data), path, ImportFault)
     return Source(path, data)
 
 
 def text_of(source: Source) -> str:
     """Return the text; see `decoded`. Raises ImportFault for binary data."""
+    refuse_utf16(source.data, source.path, ImportFault)
     if b"\0" in source.data:
         raise ImportFault("not a text file (it holds zero bytes)", where=source.path, remedy="save it as UTF-8 text")
     return decoded(source.data).replace("\r\n", "\n").replace("\r", "\n")

@@ -19,10 +19,12 @@ import numpy.typing as npt
 
 from codegen.configuration.section import MAX_CELLS
 from codegen.importing import quantities
-from codegen.importing.quantities import LOGICAL, QUANTITIES, Name
+from codegen.importing.quantities import BRACKETED, LOGICAL, QUANTITIES, Name
 from codegen.importing.source import ImportFault, Source, text_of
 
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?\Z", re.ASCII)
+CLOCK = re.compile(r"(?:\d{4}-\d\d?-\d\d?|\d\d?[./]\d\d?[./]\d{4}|\d+:\d\d)(?!\d)", re.ASCII)
+"""Beginning of a date or of a time of day: 2024-05-06, 06.05.2024, 07:08:09."""
 MISSING = ("", "nan", "na", "n/a")
 """A cell without a value, in small letters: there the map is infeasible."""
 COMMENT = "#%"
@@ -65,6 +67,12 @@ class Cells:
         if text.lower() in MISSING:
             return math.nan
         plain = text.replace(",", ".", 1) if self.decimal_comma and "." not in text else text
+        if CLOCK.match(text):
+            raise ImportFault(
+                f"{text!r} is a date or a time of day",
+                where=f"{where}, line {line.number}",
+                remedy="export times in seconds from the start",
+            )
         if not NUMBER.match(plain):
             raise ImportFault(
                 f"{text!r} where a number is needed",
@@ -192,7 +200,9 @@ def _with_unit(name: str, unit: str | None, text: str, place: str) -> str:
     if is_time and text not in UNITLESS:
         unit = quantities.time_unit_of(text) or text  # one that is not known is reported with the column of the time
     elif unit is None:
-        return name
+        if text in UNITLESS or text.lower() in MISSING or quantities.take_apart(name).unit is not None:
+            return name
+        return name if BRACKETED.search(name) else f"{name} [{text}]"  # reported if a quantity has it
     has: str | None = quantities.take_apart(name).unit
     if is_time or unit in quantities.TIME_UNITS:
         has = quantities.split_time(name)[1] or None

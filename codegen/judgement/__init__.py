@@ -1,0 +1,1 @@
+"""Judgement of a car with the controller against the car without it, and warnings that need no drive."""

@@ -18,14 +18,14 @@ from codegen.emit.laws import is_untuned
 from codegen.emit.limiter_view import LimiterCut
 from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError, within
+from codegen.judgement.build_warnings import build_warnings, folder_notes, folder_warnings, margins_line, schedule_warnings
+from codegen.judgement.car_warnings import Handling, car_warnings
 from codegen.judgement.judge import judge, judge_build
+from codegen.judgement.map_warnings import MapFacts, beyond_grip, cut_warning, map_warnings
 from codegen.judgement.model import MISSING, Judgement, Stored, of_manifest, of_map
 from codegen.map_file import map as npz
 from codegen.map_file.map import Chosen, ReferenceMap, choose_config, grip_notes, older_keys
 from codegen.optimum.solve import solve_case, solve_stack
-from codegen.plausibility.build import build_warnings, folder_notes, folder_warnings, margins_line, schedule_warnings
-from codegen.plausibility.car import Handling, car_warnings
-from codegen.plausibility.map import MapFacts, beyond_grip, cut_warning, map_warnings
 from codegen.sil.batch import load_batch
 
 Kind = Literal["configuration", "map", "build"]

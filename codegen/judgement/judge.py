@@ -7,6 +7,8 @@ from typing import Any
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
+from codegen.design.lead import compile_controller
+from codegen.design.tune import Tuned, tuned_parameters
 from codegen.emit.laws import is_untuned
 from codegen.errors import CodegenError
 from codegen.judgement.bench import Bench
@@ -26,8 +28,6 @@ from codegen.judgement.steady import steady_figures
 from codegen.map_file import judged
 from codegen.map_file.map import ReferenceMap
 from codegen.sil.batch import BatchSoftware
-from codegen.tuning.transient import compile_controller
-from codegen.tuning.tune import Tuned, tuned_parameters
 from codegen.units import KM_H
 from hil_sim.scenarios import DEFAULT, SCENARIOS
 

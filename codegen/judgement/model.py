@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from codegen.configuration import Config
 from codegen.map_file import judged
 from codegen.map_file.map import ReferenceMap
-from codegen.text_table import text_table
+from codegen.text import text_table
 
 Verdict = Literal["better", "equal", "worse", "missed", "stated"]
 """Better or worse than the passive car by more than the tolerance, equal within it; "missed": beyond a criterion, although not

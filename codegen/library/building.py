@@ -14,6 +14,7 @@ from codegen.emit.from_files import Prepared, prepare_map
 from codegen.emit.write import check_target
 from codegen.errors import CheckFailed, CodegenError, within
 from codegen.judgement.check import all_warnings
+from codegen.judgement.map_warnings import require_grip
 from codegen.judgement.model import of_map
 from codegen.library.builds import Build
 from codegen.library.configurations import ConfigLike, given_config
@@ -21,7 +22,6 @@ from codegen.library.maps import Map, MapLike, map_of, place_of
 from codegen.library.quantities import MEMORY, YAW_RATE
 from codegen.library.result import PathLike, Progress, Work, path_of, public
 from codegen.map_file.map import choose_config
-from codegen.plausibility.map import require_grip
 
 
 class NewBuild(Build):

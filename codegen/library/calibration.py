@@ -14,13 +14,14 @@ from codegen.export.calibration.convert import map_of, toml_of
 from codegen.export.calibration.images import Image
 from codegen.export.calibration.labels import number_text, python_numbers
 from codegen.export.calibration.sets import READERS, CalibrationSet, Difference, curves_of, differences, merged
+from codegen.figures.draw import draw
 from codegen.files import write_atomically
 from codegen.library.builds import BuildLike, edited_notes, folder_of
 from codegen.library.logs import paths_of
 from codegen.library.result import PathLike, Progress, Result, Work, drawn, path_of, public
 from codegen.map_file import map as npz
-from codegen.report.calibration_plots import CurveChange, ValueChange, calibration_figure
-from codegen.text_table import text_table
+from codegen.report.calibration_plots import CurveChange, ValueChange, calibration_picture
+from codegen.text import text_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -115,7 +116,7 @@ class Calibration(Result):
         maps = None
         if any(each.object in build.layout.map_objects for each in found):
             maps = map_of(first.values, build, first.name).map, map_of(second.values, build, second.name).map
-        return calibration_figure(values, curves, maps, (first.name, second.name))
+        return draw(calibration_picture(values, curves, maps, (first.name, second.name)))
 
     def lines(self) -> Iterator[str]:
         """Yield what was written, else the differences, else the values."""

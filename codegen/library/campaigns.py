@@ -15,13 +15,14 @@ from annotated_types import Ge, Interval
 from codegen.emit.outputs import check_output
 from codegen.errors import CodegenError
 from codegen.export import runs as exported
+from codegen.figures.draw import draw
+from codegen.figures.draw import save as save_figure
+from codegen.figures.scenarios import scenario_picture
 from codegen.files import write_together
 from codegen.library.builds import edited_notes
 from codegen.library.result import PathLike, Progress, Result, Work, drawn, path_of, public
 from codegen.map_file import map as npz
 from codegen.report.campaign import again, factors_of, markdown, pictures, sections
-from codegen.report.scenario_plots import scenario_figure
-from codegen.report.style import save as save_figure
 from codegen.sil.vector import Isa
 from codegen.sweep import chunk
 from codegen.sweep import plan as planning
@@ -29,7 +30,7 @@ from codegen.sweep.engine import Dask, Threads, run_campaign
 from codegen.sweep.plan import Plan
 from codegen.sweep.store import WHOLE, YES_NO, check_same
 from codegen.sweep.summary import Summary, summarise
-from codegen.text_table import text_table
+from codegen.text import text_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -103,7 +104,7 @@ class Campaign(Result):
         write_together({self.folder / "summary.json": facts, self.folder / "summary.md": text})
         written = []
         for name, picture in pictures(self._summary):
-            save_figure(picture, self.folder / f"{name}.png")
+            save_figure(draw(picture), self.folder / f"{name}.png")
             written.append(self.folder / f"{name}.png")
         return written
 
@@ -211,7 +212,7 @@ class Replay(Result):
         )
         shown = replace(scenario, settings=settings, steer_time=self._found.profile.steer_time)
         name = f"run {self._run}, {self._found.controller}"
-        return scenario_figure(shown, self._plan.config, self._found.records, name, factors_of(row))
+        return draw(scenario_picture(shown, self._plan.config, self._found.records, name, factors_of(row)))
 
     def lines(self) -> list[str]:
         """Return the values of the run."""

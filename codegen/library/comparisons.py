@@ -7,22 +7,23 @@ from typing import TYPE_CHECKING, Any
 from codegen.ecu_map.placement_sweep import FlashTable, flash_table
 from codegen.emit.laws import law_of
 from codegen.errors import CodegenError, MapError, within
+from codegen.figures.draw import draw
 from codegen.library.configurations import ConfigLike, given_config
 from codegen.library.maps import Map, MapLike, map_of, place_of
 from codegen.library.result import PathLike, Progress, Result, Work, drawn, public
 from codegen.map_file.map import choose_config
 from codegen.optimum.nonlinear import slip_use
-from codegen.report.flash import HEADER, flash_dict, flash_figure, flash_headline, flash_rows
+from codegen.report.flash import HEADER, flash_dict, flash_headline, flash_picture, flash_rows
 from codegen.report.map_difference import (
     CAR_HEADER,
     DIFFERENCE_HEADER,
     POINT_HEADER,
     caveats,
     map_difference,
-    map_difference_figure,
+    map_difference_picture,
     same_car,
 )
-from codegen.text_table import text_table
+from codegen.text import text_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -48,7 +49,7 @@ class Difference(Result):
         return drawn(self._figure(), path)
 
     def _figure(self) -> Figure:
-        return map_difference_figure(self._maps, self._used, (self._first.name, self._second.name))
+        return draw(map_difference_picture(self._maps, self._used, (self._first.name, self._second.name)))
 
     def lines(self) -> list[str]:
         """Return the figures of both maps, the difference of the yaw rates, and some operating points."""
@@ -85,7 +86,7 @@ class FlashSizes(Result):
         return drawn(self._figure(), path)
 
     def _figure(self) -> Figure:
-        return flash_figure(self._found, self._map.name)
+        return draw(flash_picture(self._found, self._map.name))
 
     def lines(self) -> list[str]:
         """Return a row for each error."""

@@ -21,7 +21,7 @@ from codegen.export.fmu.variables import WITH_BUS, Version, What
 from codegen.files import write_atomically
 from codegen.library.builds import BuildLike, edited_notes, folder_of
 from codegen.library.result import PathLike, Progress, Result, Work, path_of, public
-from codegen.text_table import text_table
+from codegen.text import text_table
 
 A2L_SUFFIX, FMU_SUFFIX = ".a2l", ".fmu"
 

@@ -11,7 +11,7 @@ from codegen.library.builds import BuildLike, edited_notes, folder_of
 from codegen.library.result import Progress, Result, Work, public
 from codegen.report.bus_tables import HEADER, fault_data, fault_rows
 from codegen.sil.software import load
-from codegen.text_table import text_table
+from codegen.text import text_table
 from hil_sim import bench
 from hil_sim.bench import BenchResult
 from hil_sim.bus import BusAddress

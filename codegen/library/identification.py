@@ -33,7 +33,7 @@ from codegen.logs.account import to_dict
 from codegen.report.html.drive_plan import plan_sections
 from codegen.report.html.identify import data_section, identify_sections
 from codegen.report.html.page import render, require_plotly
-from codegen.text_table import text_table
+from codegen.text import text_table
 
 ACCELERATION_DEFAULT, DURATION_DEFAULT = 4.0, 180.0
 """Limits of planned drives: m/s^2, the range in which the car is about linear; and s."""

@@ -20,7 +20,7 @@ from codegen.library.logs import paths_of
 from codegen.library.maps import Map
 from codegen.library.result import PathLike, Result, path_of, public
 from codegen.report.summary import map_summary
-from codegen.text_table import text_table
+from codegen.text import text_table
 
 MAP_VARIABLES = ("vx", "delta_f", "yaw_rate", "beta", "delta_r", "feasible")
 

@@ -12,7 +12,7 @@ from codegen.logs import account, measurement
 from codegen.logs.account import BusLog
 from codegen.logs.databases import Databases
 from codegen.logs.measurement import Account
-from codegen.text_table import text_table
+from codegen.text import text_table
 
 
 class Log(Result):

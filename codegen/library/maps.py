@@ -12,15 +12,15 @@ from codegen.arrays import BoolArray, FloatArray
 from codegen.configuration import Config
 from codegen.emit.outputs import check_output
 from codegen.errors import CodegenError
+from codegen.judgement.map_warnings import beyond_grip
 from codegen.judgement.model import MISSING, Judgement, of_map
 from codegen.library.configurations import ConfigLike, given_config
 from codegen.library.result import PathLike, Result, drawn, path_of, public
 from codegen.map_file import archive
 from codegen.map_file import map as npz
 from codegen.map_file.map import ReferenceMap, choose_config
-from codegen.plausibility.map import beyond_grip
 from codegen.report.summary import map_summary
-from codegen.text_table import text_table
+from codegen.text import text_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -137,9 +137,10 @@ class Map(Result):
         return drawn(self._figure(), path)
 
     def _figure(self) -> Figure:
-        from codegen.report.map_plots import map_figure
+        from codegen.figures.draw import draw
+        from codegen.figures.maps import map_picture
 
-        return map_figure(self.reference_map, self.name)
+        return draw(map_picture(self.reference_map, self.name))
 
     def lines(self) -> list[str]:
         """Return axes, ranges, what binds, and the judgement of the car."""

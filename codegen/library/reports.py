@@ -9,6 +9,7 @@ from typing import Any
 from codegen.arrays import FloatArray
 from codegen.emit.outputs import check_output
 from codegen.errors import CodegenError
+from codegen.figures.maps import NamedMap
 from codegen.files import write_atomically
 from codegen.library.builds import BuildLike, folder_of
 from codegen.library.logs import paths_of
@@ -17,7 +18,6 @@ from codegen.library.result import PathLike, Progress, Result, Work, path_of, pu
 from codegen.library.runs import CONTROLLED, Run
 from codegen.report.html.gather import Request, gather, read
 from codegen.report.html.inputs import named
-from codegen.report.html.maps import NamedMap
 from codegen.report.html.page import charts_of, render, require_plotly
 from codegen.report.html.report import sections
 from hil_sim.scenarios import Scenario

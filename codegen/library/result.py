@@ -134,16 +134,16 @@ class Result:
         told = "\n".join([*(f"warning: {text}" for text in self.warnings), *self.lines()])
         figure, picture = self._figure(), ""
         if figure is not None:
-            from codegen.report.style import to_png
+            from codegen.figures.draw import to_bytes
 
-            picture = f'<img style="max-width: 100%" src="data:image/png;base64,{b64encode(to_png(figure)).decode("ascii")}">'
+            picture = f'<img style="max-width: 100%" src="data:image/png;base64,{b64encode(to_bytes(figure)).decode("ascii")}">'
         return f"{picture}<pre>{escape(told)}</pre>"
 
 
 def drawn(figure: Figure, path: PathLike | None) -> Figure:
-    """Return a figure, after writing it as PNG if there is a path. Raises CodegenError: see `codegen.report.style.save`."""
+    """Return a figure, after writing it if there is a path. Raises CodegenError: see `codegen.figures.draw.save`."""
     if path is not None:
-        from codegen.report.style import save
+        from codegen.figures.draw import save
 
         save(figure, path_of(path, "the path of a picture"))
     return figure

@@ -16,15 +16,15 @@ from codegen.emit.manifest import read_build
 from codegen.emit.outputs import check_output
 from codegen.errors import CheckFailed, CodegenError, suggestion
 from codegen.export import runs as exported
+from codegen.judgement.car_warnings import car_warnings
 from codegen.library.builds import BuildLike, edited_notes, folder_of
 from codegen.library.maps import MapLike, map_of, place_of
 from codegen.library.result import PathLike, Progress, Result, Work, drawn, path_of, public
-from codegen.plausibility.car import car_warnings
 from codegen.report.bus_tables import bus_facts, bus_lines
 from codegen.report.summary import metric_rows
 from codegen.requirements import missing
 from codegen.sil.software import RECORD_COLUMNS, Software, load
-from codegen.text_table import text_table
+from codegen.text import text_table
 from hil_sim import bench, third_plant
 from hil_sim.bench import BenchResult
 from hil_sim.metrics import Evaluation, coverage, evaluate, verdict
@@ -178,10 +178,11 @@ class Run(Result):
         return figure
 
     def _figure(self) -> Figure:
-        from codegen.report.scenario_plots import scenario_figure
+        from codegen.figures.draw import draw
+        from codegen.figures.scenarios import scenario_picture
 
         given = self.recording
-        return scenario_figure(given.scenario, given.config, given.records, given.title, look_up=given.look_up)
+        return draw(scenario_picture(given.scenario, given.config, given.records, given.title, look_up=given.look_up))
 
     def lines(self) -> list[str]:
         """Return the metrics of all cars, the verdict, and the statistics of the bus."""

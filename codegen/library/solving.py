@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from typing import Any, Literal
 
 from codegen.errors import CodegenError, within
+from codegen.judgement.car_warnings import Handling, car_warnings
+from codegen.judgement.map_warnings import MapFacts, map_warnings
 from codegen.library.configurations import ConfigLike, given_config, name_of
 from codegen.library.maps import Map
 from codegen.library.result import Progress, Work, public
 from codegen.map_file.map import Chosen, ReferenceMap, choose_config
 from codegen.optimum.solve import ACCELERATION, FRICTION, Method, solve_acceleration_stack, solve_case, solve_stack
 from codegen.optimum.uncertain import SHARE, UncertainMap, solve_uncertain
-from codegen.plausibility.car import Handling, car_warnings
-from codegen.plausibility.map import MapFacts, map_warnings
 from codegen.report.map_difference import map_difference
 from codegen.report.summary import map_summary
 

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 from annotated_types import Ge, Interval
 
 from codegen.errors import CheckFailed, CodegenError, suggestion
+from codegen.figures import suites as suite_charts
+from codegen.figures.draw import draw
 from codegen.files import make_folder
 from codegen.library.builds import BuildLike, edited_notes, folder_of
 from codegen.library.result import PathLike, Progress, Result, Work, drawn, path_of, public
 from codegen.library.verification import without_main
-from codegen.report import suite_plots
 from codegen.report.reference_tables import reference_sections
 from codegen.report.suite_tables import car_failures, car_sections, failures, sections
 from codegen.verify.budgets.measure import measure_step
@@ -73,7 +74,8 @@ class Suite(Result):
         suite = self.result.suite if self.name == "references" else self.result
         written = []
         make_folder(place)
-        for name, figure in {**suite_plots.figures(suite), **overview}.items():
+        shown = {name: draw(picture) for name, picture in suite_charts.pictures(suite).items()}
+        for name, figure in {**shown, **overview}.items():
             drawn(figure, place / f"{name}.png")
             written.append(place / f"{name}.png")
         self.pictures += written
@@ -83,10 +85,8 @@ class Suite(Result):
         if self.name == "cars":
             return None
         if self.name == "references":
-            from codegen.report.reference_plots import references_figure
-
-            return references_figure(self.result)
-        return suite_plots.overview_figure(self.result)
+            return draw(suite_charts.references_picture(self.result))
+        return draw(suite_charts.overview_picture(self.result))
 
     def _sections(self) -> Iterator[tuple[str, str]]:
         tables = {"tracking": sections, "cars": car_sections, "references": reference_sections}

@@ -10,11 +10,17 @@ from typing import Any
 
 from codegen.configuration import Config
 from codegen.design.family import origin
+from codegen.design.gains import Design
+from codegen.design.lead import OVERSHOOT_MAX_PERCENT, OVERSHOOT_PERCENT, SETTLING_MAX_S, SETTLING_S, Response
 from codegen.design.margins import Weakest, gains_of, weakest
-from codegen.design.tune import Design
+from codegen.design.tune import FailSafeRate, Tuned, tuned_parameters
+from codegen.design.tune import tune as tune_map
 from codegen.ecu_map.model_excess import COARSE
 from codegen.errors import CodegenError, ConfigError, MapError, within
+from codegen.judgement.build_warnings import schedule_warnings
+from codegen.judgement.car_warnings import car_warnings
 from codegen.judgement.judge import judge_tuned
+from codegen.judgement.map_warnings import map_warnings
 from codegen.judgement.model import Judgement
 from codegen.library.configurations import ConfigLike, given_config, name_of
 from codegen.library.maps import Map, MapLike, map_of, place_of
@@ -22,14 +28,8 @@ from codegen.library.result import Progress, Work, public
 from codegen.map_file import map as npz
 from codegen.map_file.judged import KEY, with_judgement
 from codegen.map_file.map import Chosen, ReferenceMap, choose_config
-from codegen.plausibility.build import schedule_warnings
-from codegen.plausibility.car import car_warnings
-from codegen.plausibility.map import map_warnings
 from codegen.sweep.region import confirm_with, region
-from codegen.text_table import text_table
-from codegen.tuning.transient import OVERSHOOT_MAX_PERCENT, OVERSHOOT_PERCENT, SETTLING_MAX_S, SETTLING_S, Response
-from codegen.tuning.tune import FailSafeRate, Tuned, tuned_parameters
-from codegen.tuning.tune import tune as tune_map
+from codegen.text import text_table
 from codegen.units import KM_H
 
 MADE_FROM = ("vehicle", "tyre", "road", "limits", "grid", "tightening")

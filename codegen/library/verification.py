@@ -12,9 +12,9 @@ from typing import Any
 from codegen.emit import requirements
 from codegen.errors import CheckFailed
 from codegen.files import write_atomically
+from codegen.judgement.build_warnings import read_record
 from codegen.library.builds import BuildLike, edited_notes, folder_of
 from codegen.library.result import PathLike, Progress, Result, Work, path_of, public
-from codegen.plausibility.build import read_record
 from codegen.requirements import packages_of, pip_install
 from codegen.sil.software import require_can_side
 from codegen.verify import record, runner

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import codecs
 import contextlib
+import math
 import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -16,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from codegen.errors import CodegenError, one_line
-from codegen.files import decoded, read_file, require_regular
+from codegen.files import decoded, read_file, refuse_empty, refuse_utf16, require_regular
 from codegen.importing import library_warnings
 from codegen.importing.xml_head import check_head
 from codegen.limits import Limits
@@ -199,6 +200,7 @@ def load_database(path: Path) -> Loaded:
     kind = path.suffix.lower()
     if kind not in DATABASE_ENDINGS:
         raise CodegenError("not a database of a bus", where=path, remedy="give a .dbc or .arxml")
+    refuse_empty(size, path)
     try:
         from cantools import database
     except ImportError:
@@ -259,11 +261,12 @@ NO_MESSAGE = re.compile(r"\s*BO_ \d+ VECTOR__INDEPENDENT_SIG_MSG\s*:")
 """Message that holds the signals of none. cantools discards them without a warning."""
 REFERENCE = re.compile(r"((?:BO_|SG_|VAL_|SIG_GROUP_|SIG_VALTYPE_|BO_TX_BU_|SG_MUL_VAL_)\s+)(\d+)(?=\s)")
 SIGNAL = re.compile(
-    r"\s*SG_ (?P<name>\w+)\s*(?P<multiplexed>m\d+M?|M)?\s*:\s*\d+\|(?P<length>\d+)@\S+\s*"
-    r"\(\s*(?P<factor>[^,\s]+)\s*,[^,)]*\)",
+    r"\s*SG_ (?P<name>\w+)\s*(?P<multiplexed>m\d+M?|M)?\s*:\s*\d+\|(?P<length>\d+)@(?P<order>-?\w*)[^\s(]*\s*"
+    r"\(\s*(?P<factor>[^,\s]+)\s*,\s*(?P<offset>[^,)\s]*)\s*\)",
     re.ASCII,
 )
 FLOAT = re.compile(r"\s*SIG_VALTYPE_ (\d+) (\w+)\s*:?\s*([12])\s*;", re.ASCII)
+BYTE_ORDERS = ("0", "1")
 FLOAT_BITS = {"1": 32, "2": 64}
 """Type of a float in a DBC -> its length. cantools decodes other lengths as floats of 16 bits."""
 STATEMENT = re.compile(r"\s*(?:(?:BA_\w*|VAL_|VAL_TABLE_|SIG_\w+|SG_MUL_VAL_|EV_|ENVVAR_DATA_|BO_TX_BU_)\s.*;\s*\Z|SG_ )")
@@ -276,7 +279,7 @@ def _load_dbc(path: Path, findings: list[str]) -> tuple[Database, list[LeftOut]]
     """Read a DBC without the statements that cantools refuses, and return those. Raises what cantools raises."""
     from cantools import database
 
-    lines = _text(read_file(path, DATABASE_BYTES_MAX, "give a DBC")).splitlines()
+    lines = _text(read_file(path, DATABASE_BYTES_MAX, "give a DBC"), path).splitlines()
     first: Exception | None = None
     left_out: dict[int, LeftOut] = {}
 
@@ -310,10 +313,11 @@ def _load_dbc(path: Path, findings: list[str]) -> tuple[Database, list[LeftOut]]
     raise AssertionError("the last attempt raises")
 
 
-def _text(data: bytes) -> str:
-    """Return the text of a DBC: UTF-16 with its mark, else see `decoded`."""
+def _text(data: bytes, path: Path) -> str:
+    """Return the text of a DBC: UTF-16 with its mark, else see `decoded`. Raises CodegenError: UTF-16 without its mark."""
     if data[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
         return data.decode("utf-16", "replace")
+    refuse_utf16(data, path)
     return decoded(data)
 
 
@@ -328,9 +332,8 @@ def _unusable(lines: Sequence[str]) -> Iterator[tuple[int, str]]:
         elif match := SIGNAL.match(line):
             lengths[identifier, match["name"]].append((number, int(match["length"])))
             names[of_message, match["name"], match["multiplexed"] or ""].append(number)
-            with contextlib.suppress(ValueError):
-                if float(match["factor"]) == 0.0:
-                    yield number, "its factor is 0"
+            if reason := _wrong_scale(match):
+                yield number, reason
         elif match := FLOAT.match(line):
             for of_signal, length in lengths[match[1], match[2]]:
                 if length != FLOAT_BITS[match[3]]:
@@ -338,6 +341,20 @@ def _unusable(lines: Sequence[str]) -> Iterator[tuple[int, str]]:
     for numbers in names.values():
         if len(numbers) > 1:
             yield from ((number, "another signal of its message has its name") for number in numbers)
+
+
+def _wrong_scale(signal: re.Match[str]) -> str:
+    """Return what is wrong with the byte order, factor or offset of a signal, and the remedy; "" for nothing."""
+    if signal["order"] not in BYTE_ORDERS:
+        return f"its byte order is {signal['order'] or 'missing'}; write 0 (Motorola) or 1 (Intel) behind the @"
+    for name in ("factor", "offset"):
+        with contextlib.suppress(ValueError):
+            if not math.isfinite(float(signal[name])):
+                return f"its {name} is {signal[name]}; give a finite number"
+    with contextlib.suppress(ValueError):
+        if float(signal["factor"]) == 0.0:
+            return "its factor is 0"
+    return ""
 
 
 def _first_rejected(lines: Sequence[str], load: Callable[[Sequence[str]], object]) -> Iterator[tuple[int, str]]:

@@ -18,7 +18,7 @@ import numpy as np
 
 from codegen.arrays import FloatArray
 from codegen.errors import CodegenError, one_line
-from codegen.files import require_regular
+from codegen.files import refuse_empty, require_regular
 from codegen.importing import child, quantities, table
 from codegen.importing.rows import MISSING, TEXT, UNUSED, Count, Group, group_of, without
 from codegen.importing.source import TABLE_BYTES_MAX, ImportFault, read, text_of
@@ -159,7 +159,8 @@ def open_measurement(path: Path, time: str | None = None, time_unit: str | None 
         CodegenError: it cannot be read.
     """
     kind = path.suffix.lower()
-    require_regular(path, TABLE_BYTES_MAX if kind in TABLES else BYTES_MAX, "name a log", smaller="give a shorter log")
+    size = require_regular(path, TABLE_BYTES_MAX if kind in TABLES else BYTES_MAX, "name a log", smaller="give a shorter log")
+    refuse_empty(size, path)
     if kind == ".mf4":
         return _mf4(path)
     return _parquet(path, time, time_unit) if kind == ".parquet" else _text_table(path, time, time_unit)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from codegen.errors import CodegenError, one_line
-from codegen.files import reason_of, require_regular
+from codegen.files import reason_of, refuse_empty, require_regular
 from codegen.importing import child, library_warnings
 from codegen.limits import Limits
 from codegen.logs.formats import LOGS
@@ -23,6 +23,7 @@ def read_frames(path: Path) -> tuple[Frames, FileAccount]:
     if kind not in LOGS:
         raise CodegenError("not a log of a CAN bus", where=path, remedy="give .blf, .asc, .log (candump) or .mf4 (version 4)")
     size = require_regular(path, BYTES_MAX, "name a log", smaller="give a shorter log")
+    refuse_empty(size, path)
     limits = Limits.of(size)
     try:
         if kind == ".mf4":

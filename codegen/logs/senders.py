@@ -1,14 +1,14 @@
 """Which frames of a log are used: one sender of each message, without the copies of its frames.
 
 A log may have a frame twice: its logger receives what it sent itself, or a gateway repeats it on another bus, some ms later.
-Copies are recognised by equal data, never by the direction alone. The original is the one that comes first. If the frames of
-one message differ, several nodes or buses send it, and the user must choose.
+Copies are recognised by equal data, never by the direction alone. The original is the one whose data change first. If that
+cannot be determined, or if the frames of one message differ, the user must choose.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 
@@ -23,7 +23,10 @@ from codegen.logs.stamps import blocks
 COPY_DELAY_MAX_S = 0.5
 """Largest time from a frame to its copy. Gateways take some ms, and some tens of ms under load."""
 COPY_FRACTION_MIN = 0.9
-"""Least fraction of changes of the data that are copies, if one sender repeats another. Logs lose frames."""
+"""Least fraction of changes of the data that are copies, and of those that have the same order, if one sender repeats another.
+Logs lose frames."""
+SAME_TIME_S = 1e-3
+"""Largest delay of a copy that may as well be the original: both are logged on one bus."""
 STRAY_FRACTION_MAX = 0.05
 """Largest fraction of frames of other senders on the same bus that are left out: a tester that sends a message now and then."""
 TICK_S = 1e-6
@@ -173,26 +176,31 @@ def _choose(key: BusKey, senders: Sequence[Sender], frames: Frames, found: Allot
         for group in groups:
             delay = copy_delay(frames, group[0][0].frames, sender.frames)
             if delay is not None:
-                group.append((sender, delay))
+                group.append((sender, 0.0 if np.isnan(delay) and _is_one_bus([group[0][0], sender]) else delay))
                 break
         else:
             groups.append([(sender, 0.0)])
     originals = []
     texts = []
     for group in groups:
+        if any(np.isnan(delay) for _, delay in group):
+            repeated = [sender for sender, _ in group]
+            for sender in senders:
+                found.fate[sender.frames] = Fate.CONFLICT
+            found.conflicts[key] = _conflict(repeated, "the same data, and which of them are the copies cannot be determined")
+            return
         original, start = min(group, key=lambda entry: (entry[1], not entry[0].is_sent))
         originals.append(original)
         for sender, delay in group:
             if sender is not original:
                 found.fate[sender.frames] = Fate.COPY
-                if sender.channel == original.channel and sender.identifier == original.identifier:
+                if _is_one_bus([sender, original]):
                     continue  # a node that hears itself is plain
                 later = f"{1e3 * (delay - start):.3g} ms later"
                 texts.append(f"{sender.frames.size} frames ({sender}) copy those of {original}, {later}")
     first, others = originals[0], originals[1:]
     stray = sum(other.frames.size for other in others)
-    is_same_bus = all((other.channel, other.identifier) == (first.channel, first.identifier) for other in others)
-    if not others or (is_same_bus and stray <= STRAY_FRACTION_MAX * first.frames.size):
+    if not others or (_is_one_bus(originals) and stray <= STRAY_FRACTION_MAX * first.frames.size):
         found.fate[first.frames] = Fate.USED
         found.keys[key] = first.frames
         for other in others:
@@ -202,13 +210,18 @@ def _choose(key: BusKey, senders: Sequence[Sender], frames: Frames, found: Allot
     else:
         for other in originals:
             found.fate[other.frames] = Fate.CONFLICT
-        found.conflicts[key] = _conflict(originals)
+        found.conflicts[key] = _conflict(originals, "different data")
     if texts:
         found.findings[key] = "; ".join(texts)
 
 
-def _conflict(originals: Sequence[Sender]) -> tuple[str, str]:
-    """Return what is wrong if several senders send a message with different data, and the remedy."""
+def _is_one_bus(senders: Sequence[Sender]) -> bool:
+    """Return whether all have one channel and one identifier."""
+    return len({(sender.channel, sender.identifier) for sender in senders}) == 1
+
+
+def _conflict(originals: Sequence[Sender], what: str) -> tuple[str, str]:
+    """Return what is wrong if several senders send a message, and the remedy. what: what is to be said of their data."""
     shown = " and ".join(f"{each.frames.size} frames ({_of(each, originals)})" for each in originals)
     channels = list(dict.fromkeys(each.channel for each in originals))
     if len(channels) > 1:
@@ -217,7 +230,7 @@ def _conflict(originals: Sequence[Sender]) -> tuple[str, str]:
         remedy = "give a database with the identifier of the sender that counts"
     else:
         remedy = "log without the node that sends it too"
-    return f"{shown} have different data", remedy
+    return f"{shown} have {what}", remedy
 
 
 def _of(sender: Sender, originals: Sequence[Sender]) -> str:
@@ -229,38 +242,48 @@ def _of(sender: Sender, originals: Sequence[Sender]) -> str:
 def copy_delay(frames: Frames, one: IndexArray, other: IndexArray) -> float | None:
     """Return by how many s frames `other` are later than `one`, if they have the same data; None if they do not.
 
-    Changes of the data are compared, since unchanged data match anything. The delay is that of data that occur once in each; if
-    there are none, the time to the nearest frame with equal data.
+    Only changes of the data are compared, for unchanged data match anything: a late copy equals the next frame of the original
+    as well. Each change of `other` must be one of `one`, and `other` must change where `one` does; a gateway may leave frames
+    out. Data that never change have no delay.
+
+    The result is NaN if the order cannot be determined. Data that repeat, such as those of a counter, may be as well early as
+    late. So only changes with one possible counterpart count, and nearly all of these must be on the same side of it.
     """
-    edges = np.array(list(_edges(frames, other)), dtype=np.intp)
     codes: dict[bytes, int] = {}
-    code_one, code_other = (
-        np.array([codes.setdefault(frames.data[index], len(codes)) for index in indices.tolist()], dtype=np.int64)
-        for indices in (one, edges)
-    )
-    nearest = _nearest(code_one, frames.time[one], code_other, frames.time[edges])
-    is_copy = np.abs(nearest) <= COPY_DELAY_MAX_S
-    if np.count_nonzero(is_copy) < COPY_FRACTION_MIN * edges.size:
-        return None
-    counts = np.bincount(code_one, minlength=len(codes))
-    counts_other = np.bincount(
-        np.array([codes.get(frames.data[index], len(codes)) for index in other.tolist()], dtype=np.int64), minlength=len(codes)
-    )[: len(codes)]
-    is_clear = is_copy & (counts[code_other] == 1) & (counts_other[code_other] == 1)
-    return float(np.median(nearest[is_clear if is_clear.any() else is_copy]))
+    (code_one, time_one), (code_other, time_other) = (_changes(frames, indices, codes) for indices in (one, other))
+    start, end = frames.time[other].min() - COPY_DELAY_MAX_S, frames.time[other].max() + COPY_DELAY_MAX_S
+    within = time_one[(time_one >= start) & (time_one <= end)]
+    if not time_other.size or not within.size:
+        is_constant = not time_other.size and not within.size
+        return 0.0 if is_constant and frames.data[one[0]] == frames.data[other[0]] else None
+    since, until = _beside(code_one, time_one, code_other, time_other)
+    any_since, any_until = _beside(np.zeros_like(code_other), time_other, np.zeros(within.size, dtype=np.int64), within)
+    for distance in (np.minimum(since, until), np.minimum(any_since, any_until)):
+        if np.count_nonzero(distance <= COPY_DELAY_MAX_S) < COPY_FRACTION_MIN * distance.size:
+            return None
+    nearest = np.where(since <= until, since, -until)
+    is_clear = (since <= COPY_DELAY_MAX_S) != (until <= COPY_DELAY_MAX_S)
+    start, end = frames.time[one].min() + COPY_DELAY_MAX_S, frames.time[one].max() - COPY_DELAY_MAX_S
+    is_once = (np.bincount(code_one, minlength=len(codes)) == 1) & (np.bincount(code_other, minlength=len(codes)) == 1)
+    is_clear &= ((time_other >= start) & (time_other <= end)) | is_once[code_other]  # else a counterpart may not be in the log
+    if np.count_nonzero(is_clear) >= (1.0 - COPY_FRACTION_MIN) * is_clear.size:
+        clear = nearest[is_clear]
+        late = np.count_nonzero(clear >= 0.0) / clear.size
+        if max(late, 1.0 - late) >= COPY_FRACTION_MIN:
+            return float(np.median(clear))
+    usual = float(np.median(nearest))
+    return usual if np.median(np.abs(nearest)) <= SAME_TIME_S else np.nan
 
 
-def _edges(frames: Frames, indices: IndexArray) -> Iterator[int]:
-    """Yield the first frame, and those whose data differ from those of the frame before."""
-    before: bytes | None = None
-    for index in indices.tolist():
-        if frames.data[index] != before:
-            yield index
-        before = frames.data[index]
+def _changes(frames: Frames, indices: IndexArray, codes: dict[bytes, int]) -> tuple[IntArray, FloatArray]:
+    """Return a number for the data, from `codes`, and the time of each frame whose data differ from those of the one before."""
+    code = np.array([codes.setdefault(frames.data[index], len(codes)) for index in indices.tolist()], dtype=np.int64)
+    changed = np.flatnonzero(np.diff(code)) + 1
+    return code[changed], frames.time[indices[changed]]
 
 
-def _nearest(code: IntArray, time: FloatArray, wanted: IntArray, at: FloatArray) -> FloatArray:
-    """Return `at` minus the nearest of the times with the same code, (k,) s; infinite without one."""
+def _beside(code: IntArray, time: FloatArray, wanted: IntArray, at: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the time in s since the latest of the times with the same code, and until the next one, (k,); infinite if none."""
     start, end = min(time.min(), at.min()), max(time.max(), at.max())
     count = int(max(code.max(), wanted.max())) + 1
     tick = max(TICK_S, 4.0 * (end - start) * count / 2**62)
@@ -268,10 +291,9 @@ def _nearest(code: IntArray, time: FloatArray, wanted: IntArray, at: FloatArray)
     step = 4 * span  # times of one code stay far from those of the next
     keys = np.sort(code * step + np.rint((time - start) / tick).astype(np.int64))
     target = wanted * step + np.rint((at - start) / tick).astype(np.int64)
-    place = np.searchsorted(keys, target)
-    result = np.full(at.size, np.inf)
-    for side in (np.clip(place - 1, 0, keys.size - 1), np.clip(place, 0, keys.size - 1)):
-        difference = target - keys[side]
-        is_nearer = (np.abs(difference) <= span) & (np.abs(difference) * tick < np.abs(result))
-        result[is_nearer] = difference[is_nearer] * tick
-    return result
+    place = np.searchsorted(keys, target, side="right")
+    result = []
+    for side, is_there in ((place - 1, place > 0), (place, place < keys.size)):
+        distance = np.abs(target - keys[np.clip(side, 0, keys.size - 1)])
+        result.append(np.where(is_there & (distance <= span), distance * tick, np.inf))
+    return result[0], result[1]

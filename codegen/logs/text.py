@@ -6,7 +6,6 @@ returns. Stamps are computed here: python-can takes relative ones for absolute o
 
 from __future__ import annotations
 
-import codecs
 import re
 from array import array
 from collections.abc import Iterator
@@ -17,12 +16,15 @@ import numpy as np
 
 from codegen.arrays import FloatArray
 from codegen.errors import CodegenError, one_line
-from codegen.files import decoded
+from codegen.files import decoded, refuse_utf16
 from codegen.logs.frames import REMEDY, Collector
 
 LINE_BYTES_MAX = 2**20
 COPY_AGAIN = "copy it again, or end that line if it is whole"
 DELTA_FRAMES_MIN = 10
+"""Fewest stamps by which alone differences are known. Fewer ones must begin with 0, as those of candump do."""
+DELTA_RANGE_MAX = 0.5
+"""Range of differences of few frames that do not grow, as a fraction of their mean. Times from 0 on have 0.67 or more."""
 DELTA_BACK_MIN = 0.2
 """Least fraction of stamps that do not increase, from which stamps are differences. Frames of several buses that a logger puts
 out of order do not come near it unless the stamps grow."""
@@ -81,8 +83,8 @@ class Lines:
             self.number += 1
             if len(line) > LINE_BYTES_MAX:
                 raise CodegenError("not a log of a CAN bus: a line is over 1 MiB", where=self.path, remedy="give another log")
-            if self.number == 1 and line[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
-                raise CodegenError("it is in UTF-16", where=self.path, remedy="save it as UTF-8")
+            if self.number == 1:
+                refuse_utf16(line, self.path)
             if b"\0" in line:
                 raise CodegenError("it has zero bytes, as a text log has not", where=self.place(), remedy=REMEDY)
             if not line.endswith(b"\n") and re.search(rb"\d", line):  # "End TriggerBlock" contains no frame
@@ -94,6 +96,7 @@ class Lines:
 
 ASC_STAMP = re.compile(r"\s*([-+]?\d[\w.,+-]*|[-+]?(?:nan|inf)\w*)\s+(.*)", re.ASCII | re.IGNORECASE | re.DOTALL)
 ASC_TIME = re.compile(r"-?\d+\.\d+", re.ASCII)
+DECIMAL_COMMA = re.compile(r"-?\d+,\d+", re.ASCII)
 ASC_FRAME = re.compile(
     r"(?:(?P<channel>\d+)\s+(?:(?P<id>\S+)\s+(?P<direction>Rx|TxRq|Tx)\b|ErrorFrame\b)|CANFD\s+(?P<fd>\d+)\s)",
     re.ASCII | re.IGNORECASE,
@@ -131,7 +134,8 @@ class AscLines(Lines):
                     self._strange(text)  # a comment that begins with a number
                     continue
                 what = f"a frame has an invalid time, {one_line(word, 40)}"
-                raise CodegenError(what, where=self.place(), remedy=REMEDY)
+                remedy = "export it with decimal points" if DECIMAL_COMMA.fullmatch(word) else REMEDY
+                raise CodegenError(what, where=self.place(), remedy=remedy)
             now = float(word) + (now if self.is_relative else 0.0)  # every event counts, not only frames
             if frame is None:
                 other = OTHER_WORDS.match(rest)
@@ -303,9 +307,16 @@ def read_candump(path: Path) -> tuple[Collector, str]:
 
 def are_differences(time: FloatArray) -> bool:
     """Return whether stamps (n,) are times from one frame to the next: many do not increase, and they neither grow nor fall."""
-    if time.size < DELTA_FRAMES_MIN or time.min() < 0.0:
+    is_short = time.size < DELTA_FRAMES_MIN
+    if is_short and (time.size < 3 or time[0] != 0.0):
+        return False
+    if is_short:
+        time = time[1:]
+    if time.min() < 0.0:
         return False
     back = np.count_nonzero(np.diff(time) <= 0.0) / (time.size - 1)
     half = time.size // 2
     growth = float(np.mean(time[half:]) - np.mean(time[:half]))
-    return bool(back >= DELTA_BACK_MIN and abs(growth) <= DELTA_GROWTH_MAX * float(np.ptp(time)))
+    stays = abs(growth) <= DELTA_GROWTH_MAX * float(np.ptp(time))
+    stays = stays or (is_short and float(np.ptp(time)) <= DELTA_RANGE_MAX * float(np.mean(time)))
+    return bool(back >= DELTA_BACK_MIN and stays)

@@ -133,6 +133,11 @@ class ReferenceMap:
         return replace(layer, map=own)
 
     @property
+    def lateral_acceleration(self) -> FloatArray:
+        """Lateral acceleration (n, m) of the steady turns in m/s^2."""
+        return np.asarray(self.speed[:, np.newaxis] * self.yaw_rate)
+
+    @property
     def quantity(self) -> tables.Stack | None:
         """Quantity of the stack; None without layers."""
         return self.layers[0].quantity if self.layers else None

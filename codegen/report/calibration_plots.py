@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from codegen.arrays import FloatArray
+from codegen.figures.data import BLUE, VERMILION, Chart, Picture, PlotError, axis, line, panel, plain, upright
 from codegen.map_file.map import ReferenceMap
-from codegen.report.map_difference import MAPS_SIZE, draw_map_difference
-from codegen.report.style import BLUE, GREY, VERMILION, PlotError, new_figure, plain, style
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from codegen.report.map_difference import MAPS_SIZE, difference_rows
 
 COLUMNS, PANEL_HEIGHT, BAR_HEIGHT = 3, 2.4, 0.16
 """Panels in a row; height of a panel and of a bar in inches."""
@@ -48,13 +42,13 @@ class CurveChange:
     second: tuple[FloatArray, FloatArray]
 
 
-def calibration_figure(
+def calibration_picture(
     values: Sequence[ValueChange],
     curves: Sequence[CurveChange],
     maps: tuple[ReferenceMap, ReferenceMap] | None,
     names: tuple[str, str],
-) -> Figure:
-    """Draw the differences between two sets.
+) -> Picture:
+    """Return the picture of the differences between two sets.
 
     Args:
         values, curves: those that differ.
@@ -64,45 +58,44 @@ def calibration_figure(
     Raises:
         PlotError: nothing differs.
     """
-    rows = math.ceil(len(curves) / COLUMNS)
-    heights = [
-        *([0.7 + BAR_HEIGHT * len(values)] if values else []),
-        *([0.4 + PANEL_HEIGHT * rows] if curves else []),
-        *([MAPS_SIZE[1]] if maps is not None else []),
-    ]
-    if not heights:
+    rows: list[list[Chart | None]] = []
+    heights: list[float] = []
+    if values:
+        rows.append([_values_chart(values, names)])
+        heights.append(0.7 + BAR_HEIGHT * len(values))
+    charts: list[Chart | None] = [_curve_chart(curve, names) for curve in curves]
+    columns = min(len(charts), COLUMNS)
+    for first in range(0, len(charts), COLUMNS):
+        row = charts[first : first + COLUMNS]
+        rows.append(row + [None] * (columns - len(row)))
+        heights.append(PANEL_HEIGHT)
+    if maps is not None:
+        rows += difference_rows(maps, (None, None), names)
+        heights += [MAPS_SIZE[1] / 2.0] * 2
+    if not rows:
         raise PlotError("the sets do not differ", remedy="draw another set")
-    with style():
-        figure = new_figure(MAPS_SIZE[0], sum(heights))
-        parts = iter(figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0])
-        if values:
-            _draw_values(next(parts).subplots(), values, names)
-        if curves:
-            part = next(parts)
-            panels = part.subplots(rows, min(len(curves), COLUMNS), squeeze=False).ravel()
-            for axes, curve in zip(panels, curves, strict=False):
-                _draw_curve(axes, curve)
-            for axes in panels[len(curves) :]:
-                axes.set_axis_off()
-            handles = panels[0].get_lines()
-            labels = [f"{which}: {plain(name)}" for which, name in zip(("first", "second"), names, strict=True)]
-            part.legend(handles, labels, loc="outside lower center", ncols=2)
-        if maps is not None:
-            draw_map_difference(next(parts), maps, (None, None), names)
-    return figure
+    return Picture(rows, (MAPS_SIZE[0], 0.4 + sum(heights)), heights=heights)
 
 
-def _draw_values(axes: Axes, values: Sequence[ValueChange], names: tuple[str, str]) -> None:
-    places = range(len(values))
-    axes.barh(places, [each.percent for each in values], color=BLUE, height=0.6)
-    axes.set_yticks(places, [f"{each.name}: {each.first:.4g} → {each.second:.4g} {each.unit}".rstrip() for each in values])
-    axes.invert_yaxis()
-    axes.axvline(0.0, color=GREY, linewidth=0.7)
-    axes.set_xlabel("change (% of the larger magnitude)")
-    axes.set_title(f"Values, first ({plain(names[0])}) to second ({plain(names[1])})")
+def _values_chart(values: Sequence[ValueChange], names: tuple[str, str]) -> Chart:
+    labels = [f"{each.name}: {each.first:.4g} → {each.second:.4g} {each.unit}".rstrip() for each in values]
+    places = list(range(len(values)))
+    changes = [each.percent for each in values]
+    bars = {"type": "bar", "orientation": "h", "x": changes, "y": places, "width": 0.6, "marker": {"color": BLUE}}
+    return panel(
+        [bars],
+        axis("Change (% of the larger magnitude)", zeroline=True),
+        axis("", tickvals=places, ticktext=labels, range=[len(values) - 0.5, -0.5], showgrid=False),
+        title=f"Values, first ({plain(names[0])}) to second ({plain(names[1])})",
+        shapes=[upright(0.0, dash="solid", width=0.9)],
+    )
 
 
-def _draw_curve(axes: Axes, curve: CurveChange) -> None:
-    for (points, numbers), colour, mark in ((curve.first, BLUE, "o"), (curve.second, VERMILION, "x")):
-        axes.plot(points, numbers, color=colour, marker=mark if points.size <= MARKED_POINTS_MAX else None, markersize=3.5)
-    axes.set(title=curve.name, xlabel=curve.points_label, ylabel=curve.label)
+def _curve_chart(curve: CurveChange, names: tuple[str, str]) -> Chart:
+    data = []
+    looks = ((curve.first, BLUE, "circle", "first"), (curve.second, VERMILION, "diamond", "second"))
+    for ((at, values), colour, symbol, which), name in zip(looks, names, strict=True):
+        marker = {"mode": "lines+markers", "marker": {"symbol": symbol, "size": 5.5, "color": colour}}
+        drawn = line(at, values, f"{which}: {plain(name)}", colour)
+        data.append({**drawn, **marker} if at.size <= MARKED_POINTS_MAX else drawn)
+    return panel(data, axis(curve.points_label), axis(curve.label), title=curve.name)

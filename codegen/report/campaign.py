@@ -5,20 +5,15 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from codegen.report import style
+from codegen.figures.data import COLOURS, INK, MUTED, Chart, Picture, axis, entry, line, panel, plain, symlog, text, upright
 from codegen.sweep.chunk import DRIVEN
 from codegen.sweep.spec import FACTORS
 from codegen.sweep.summary import BINS, QUANTILES, Figure, Outcome, Summary
-from codegen.text_table import text_table
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure as Picture
-
+from codegen.text import text_table
 
 TITLES = {
     "overshoot_percent": ("overshoot", "%"),
@@ -130,9 +125,9 @@ def _shares(outcome: Outcome) -> Iterator[str]:
 def short(value: float) -> str:
     """Return a number with three digits, or fewer if they would not fit into NUMBER_WIDTH."""
     # Adding zero removes the sign of a zero.
-    for text in (f"{value:.3g}", f"{round(value, 2) + 0.0:.2f}" if abs(value) < 1.0 else f"{value:.0f}"):
-        if len(text) <= NUMBER_WIDTH:
-            return text
+    for shown in (f"{value:.3g}", f"{round(value, 2) + 0.0:.2f}" if abs(value) < 1.0 else f"{value:.0f}"):
+        if len(shown) <= NUMBER_WIDTH:
+            return shown
     return f"{value:.0e}"
 
 
@@ -144,8 +139,8 @@ def markdown(summary: Summary, replay: str) -> str:
     return "\n\n".join([*parts, f"{sentence}\n\n```\n{command}\n```"]) + "\n"
 
 
-COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.PURPLE, style.ORANGE, style.SKY, style.BLACK)
-LINES = ("-", "--", "-.", ":")
+LINE_COLOURS = (*COLOURS, INK)
+DASHES = ("solid", "dash", "dashdot", "dot")
 LOG_FROM = 20.0
 """Ratio of the largest value to the medians or a drawn limit above which the axis is logarithmic outside the usual range."""
 FAR_FROM = 4.0
@@ -155,17 +150,12 @@ TICKS_MAX = 4
 
 PANEL_WIDTH, PANEL_HEIGHT = 4.6, 4.4
 """Size of a panel, in inches."""
-LEGEND_GAP_IN = 0.2
-"""Gap between the legends of neighbouring panels, in inches."""
 TITLE_LENGTH = 44
 """Number of characters that fit above a panel."""
-LEGEND_HEIGHT = 0.9
-"""Height of a panel's legend without enlarging the picture, in inches."""
-
 PANELS = (
     ("overshoot", "overshoot_percent", "Overshoot of the yaw rate (%)"),
     ("map-error", "map_error_percent", "Steady error to the map (%)"),
-    ("sideslip", "sideslip_abs_max_deg", r"Largest $|\beta|$ (deg)"),
+    ("sideslip", "sideslip_abs_max_deg", "Largest |β| (deg)"),
     ("ratio", "yaw_rate_ratio_1_75_s_percent", "Yaw-rate ratio 1.75 s after steering (%)"),
     ("displacement", "lateral_displacement_m", "Lateral displacement at 1.07 s (m)"),
 )
@@ -174,7 +164,7 @@ PANELS = (
 LIMITS = {"yaw_rate_ratio_1_75_s_percent": (20.0, "% at most"), "lateral_displacement_m": (1.83, "m at least")}
 """Value, unit and side, of FMVSS 126, S5.2.2 and S5.2.3 (for cars up to 3,500 kg)."""
 OUT_FROM = 3.0
-"""Ratio of the data's width to that of the usual runs and the limit above which the axis ends half the latter beyond them."""
+"""The axis is shortened if the data are wider than this multiple of the usual range, which includes a drawn limit."""
 
 
 def pictures(summary: Summary) -> Iterator[tuple[str, Picture]]:
@@ -195,42 +185,39 @@ def pictures(summary: Summary) -> Iterator[tuple[str, Picture]]:
 
 def _picture(summary: Summary, scenarios: list[str], figure: str, label: str) -> Picture:
     controllers = list(dict.fromkeys(controller for _, controller in summary.outcomes))
-    with style.style():
-        picture = style.new_figure(0.6 + PANEL_WIDTH * len(scenarios), PANEL_HEIGHT)
-        below = 0.0
-        for axes, scenario in zip(picture.subplots(1, len(scenarios), squeeze=False)[0], scenarios, strict=True):
-            outcomes = {name: summary.outcomes[scenario, name] for name in controllers}
-            shown = [found.figures[figure] for found in outcomes.values() if figure in found.figures]
-            for place, (name, outcome) in enumerate(outcomes.items()):
-                _draw(axes, outcome.figures.get(figure), outcome, style.plain(name), place)
-            if shown:
-                _scale(axes, shown, LIMITS.get(figure, (0.0, ""))[0])
-            else:
-                axes.text(0.5, 0.5, "all runs spin", transform=axes.transAxes, ha="center")
-                axes.set_xticks([])
-            axes.set_title("\n".join(textwrap.wrap(style.plain(scenario), TITLE_LENGTH)))
-            axes.set_xlabel(label)
-            axes.set_ylim(0.0, 100.0)
-            axes.grid(visible=True)
-            if figure in LIMITS:
-                _draw_limit(axes, shown, *LIMITS[figure])
-            legend = style.fitted(axes.get_legend_handles_labels()[0], PANEL_WIDTH - LEGEND_GAP_IN, 2)
-            axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), **legend)
-            below = max(below, style.height(legend))
-        picture.set_figheight(PANEL_HEIGHT + max(0.0, below - LEGEND_HEIGHT))
-        picture.axes[0].set_ylabel("Runs with at most that (%)")
-        return picture
+    charts: list[Chart | None] = []
+    for scenario in scenarios:
+        outcomes = {name: summary.outcomes[scenario, name] for name in controllers}
+        charts.append(_distributions(scenario, outcomes, figure, label))
+    return Picture([charts], (0.6 + PANEL_WIDTH * len(scenarios), PANEL_HEIGHT), has_own_legends=True)
 
 
-def _draw_limit(axes: Axes, shown: list[Figure], limit: float, unit: str) -> None:
-    """Draw a limit, or only its legend entry if the axis would have to reach far beyond the data."""
-    look: Mapping[str, Any] = {"color": style.GREY, "linewidth": 1.0, "linestyle": (0, (2, 2))}
-    label = f"limit of FMVSS 126,\n{limit:g} {unit}"
-    if _is_near(shown, limit):
-        axes.axvline(limit, label=label, **look)
+def _distributions(scenario: str, outcomes: Mapping[str, Outcome], figure: str, label: str) -> Chart:
+    """Return the distributions of a figure for all controllers in one scenario."""
+    shown = [found.figures[figure] for found in outcomes.values() if figure in found.figures]
+    x, shapes, notes = axis(label), [], []
+    limit, unit = LIMITS.get(figure, (0.0, ""))
+    linear, data = math.inf, []
+    if shown:
+        linear = _linear_range(shown, limit)
+        x |= _ticks(shown, limit, linear) if math.isfinite(linear) else {}
     else:
-        side = "left" if limit < min(one.low for one in shown) else "right"
-        axes.plot([], [], label=f"{label}, far to the {side}", **look)
+        notes = [text("all runs spin", 0.5, 50.0, xref="paper")]
+        x |= {"tickvals": [], "range": [0.0, 1.0]}
+    data = [_curve(outcome.figures.get(figure), outcome, name, k, linear) for k, (name, outcome) in enumerate(outcomes.items())]
+    if figure in LIMITS and shown:
+        told = f"limit of FMVSS 126,<br>{limit:g} {unit}"
+        if _is_near(shown, limit):
+            shapes = [upright(symlog(limit, linear) if math.isfinite(linear) else limit, dash="dash")]
+        else:
+            told += f", far to the {'left' if limit < min(one.low for one in shown) else 'right'}"
+        data.append(entry(told, MUTED, "dash", 1.2))
+        if not math.isfinite(linear) and (window := _window(shown, limit)) is not None:
+            x["range"], beyond = window
+            data += [entry(f"{beyond:.2g} % of the runs<br>lie beyond the axis", "#FFFFFF00", "solid")] if beyond else []
+    y = axis("Runs with at most that (%)", range=[0.0, 100.0])
+    title = "<br>".join(textwrap.wrap(plain(scenario), TITLE_LENGTH))
+    return panel(data, x, y, title=title, shapes=shapes, annotations=notes)
 
 
 def _is_near(shown: list[Figure], limit: float) -> bool:
@@ -238,49 +225,48 @@ def _is_near(shown: list[Figure], limit: float) -> bool:
     return max(high, limit) - min(low, limit) <= FAR_FROM * (high - low)
 
 
-def _window(axes: Axes, shown: list[Figure], limit: float) -> None:
-    """Limit the axis to the usual runs and a drawn limit. The legend contains the fraction of runs beyond the axis."""
+def _window(shown: list[Figure], limit: float) -> tuple[list[float], float] | None:
+    """Return the ends of an axis with the usual runs and a drawn limit, and the percentage of runs beyond; None for all."""
     drawn = [limit] if _is_near(shown, limit) else []
     low, high = (of([*(one.quantiles[at] for one in shown), *drawn]) for of, at in ((min, 0), (max, 2)))
     if max(one.high for one in shown) - min(one.low for one in shown) <= OUT_FROM * (high - low):
-        return
+        return None
     begin, end = low - 0.5 * (high - low), high + 0.5 * (high - low)
     beyond = sum(int(one.histogram[(one.edges[1:] < begin) | (one.edges[:-1] > end)].sum()) for one in shown)
-    axes.set_xlim(begin, end)
-    if beyond:
-        percent = 100.0 * beyond / sum(one.count for one in shown)
-        axes.plot([], [], " ", label=f"{percent:.2g} % of the runs\nlie beyond the axis")
+    return [begin, end], 100.0 * beyond / sum(one.count for one in shown)
 
 
-def _scale(axes: Axes, shown: list[Figure], limit: float) -> None:
-    """Set a linear scale, or one that is logarithmic beyond a power of ten if a few runs lie far out, with plain ticks."""
+def _linear_range(shown: list[Figure], limit: float) -> float:
+    """Return the power of ten beyond which the scale is logarithmic, if a few runs lie far out; else infinity."""
     furthest = max(max(abs(one.low), abs(one.high)) for one in shown)
     if furthest <= LOG_FROM * max(*(abs(one.quantiles[1]) for one in shown), limit, 1e-9):
-        if limit:
-            _window(axes, shown, limit)
-        return
+        return math.inf
     usual = max(*(abs(value) for one in shown for value in (one.quantiles[0], one.quantiles[2])), limit)
-    least = math.ceil(math.log10(usual)) if usual > 0.0 else 0
+    return 10.0 ** (math.ceil(math.log10(usual)) if usual > 0.0 else 0)
+
+
+def _ticks(shown: list[Figure], limit: float, linear: float) -> dict[str, Any]:
+    """Return plain ticks of a scale that is logarithmic beyond `linear`."""
+    furthest = max(max(abs(one.low), abs(one.high)) for one in shown)
+    least = round(math.log10(linear))
     most = max(math.ceil(math.log10(furthest)), least)
     decades = [10.0**power for power in range(least, most + 1, 1 + (most - least) // TICKS_MAX)]
-    axes.set_xscale("symlog", linthresh=10.0**least)
     low, high = min(one.low for one in shown), max(limit, *(one.high for one in shown))
     below = [-value for value in reversed(decades) if low < -0.1 * value]
     ticks = [*below, 0.0, *(value for value in decades if high > 0.1 * value)]
-    axes.set_xticks(ticks, [f"{value:g}" for value in ticks])
-    axes.minorticks_off()
+    return {"tickvals": [symlog(value, linear) for value in ticks], "ticktext": [f"{value:g}" for value in ticks]}
 
 
-def _draw(axes: Axes, figure: Figure | None, outcome: Outcome, name: str, place: int) -> None:
-    """Draw the cumulative distribution over all runs. A curve that ends below 100 % shows how many spun or lack the figure.
+def _curve(figure: Figure | None, outcome: Outcome, name: str, place: int, linear: float) -> dict[str, Any]:
+    """Return the cumulative distribution over all runs. A curve that ends below 100 % shows how many spun or lack the figure.
 
     If no run has the figure, the controller appears in the legend only, to show that it was simulated.
     """
-    edges, share, end = np.empty(0), np.empty(0), ": none"
+    edges, share, end = np.array([np.nan]), np.array([np.nan]), ": none"
     if figure is not None:
         edges, share, end = figure.edges, np.concatenate([[0.0], 100.0 * np.cumsum(figure.histogram) / outcome.runs]), ""
+        edges = np.array([symlog(edge, linear) for edge in edges]) if math.isfinite(linear) else edges
     if outcome.spun:
         end = f", {100.0 * outcome.spun / outcome.runs:.3g} % spun"
-    colour = style.GREY if name == "passive" else COLOURS[place % len(COLOURS)]
-    line = LINES[(place // len(COLOURS)) % len(LINES)]
-    axes.plot(edges, share, color=colour, linestyle=line, label=f"{name}{end}")
+    colour = MUTED if name == "passive" else LINE_COLOURS[place % len(LINE_COLOURS)]
+    return line(edges, share, f"{plain(name)}{end}", colour, dash=DASHES[(place // len(LINE_COLOURS)) % len(DASHES)])

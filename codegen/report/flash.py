@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from codegen.ecu_map.placement_error import MeasuredError
 from codegen.ecu_map.placement_sweep import STORAGE_OPTIONS, FlashPoint, FlashTable
-from codegen.report.style import BLUE, GREEN, GREY, VERMILION, new_figure, style
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from codegen.figures.data import BLUE, GREEN, MUTED, VERMILION, Picture, axis, line, panel, plain, points
 
 SERIES_STYLES = {
-    "even": (BLUE, "s", "even axes, float"),
-    "uneven": (VERMILION, "o", "uneven axes, float"),
-    "int16": (GREEN, "^", "int16"),
+    "even": (BLUE, "square", "even axes, float"),
+    "uneven": (VERMILION, "circle", "uneven axes, float"),
+    "int16": (GREEN, "triangle-up", "int16"),
 }
 """StorageOption -> colour, marker, and name in the legend."""
 
@@ -91,23 +88,18 @@ def _rear(tables: int, error: MeasuredError) -> dict[str, float]:
     return {} if tables == 1 else {"rear_angle_error_as_yaw_rate_rad_s": error.rear_yaw_rate_whole}
 
 
-def flash_figure(table: FlashTable, name: str) -> Figure:
-    """Plot error over bytes, both logarithmic, for each storage option and for the map's own grid."""
-    with style():
-        figure = new_figure(6.2, 4.4)
-        axes = figure.subplots()
-        for way, (colour, marker, label) in SERIES_STYLES.items():
-            found = [point.placed for point in table.of(way) if point.placed is not None]
-            sizes = [placed.flash_bytes for placed in found]
-            errors = [math.degrees(placed.bounded_error) for placed in found]
-            axes.loglog(sizes, errors, marker=marker, color=colour, label=label, markersize=5.0)
-        grid_error = math.degrees(table.grid_error.bounded(table.tables))
-        axes.loglog([table.grid_bytes], [grid_error], "D", color=GREY, label="the map's own grid, float")
-        axes.grid(True, which="both")
-        axes.set_xlabel("Tables, axes and scales (bytes)")
-        more = "" if table.tables == 1 else ",\nor of the rear angle times the yaw gain"
-        axes.set_ylabel(f"Largest error of the yaw rate{more} (deg/s)")
-        tables = "yaw rate" if table.tables == 1 else "yaw rate and rear angle"
-        axes.set_title(f"{name}: {tables}")
-        axes.legend()
-        return figure
+def flash_picture(table: FlashTable, name: str) -> Picture:
+    """Return error over bytes, both logarithmic, for each storage option and for the map's own grid."""
+    data = []
+    for way, (colour, symbol, label) in SERIES_STYLES.items():
+        found = [point.placed for point in table.of(way) if point.placed is not None]
+        errors = [math.degrees(placed.bounded_error) for placed in found]
+        marker = {"mode": "lines+markers", "marker": {"symbol": symbol, "size": 7.5, "color": colour}}
+        data.append({**line([placed.flash_bytes for placed in found], errors, label, colour), **marker})
+    grid_error = math.degrees(table.grid_error.bounded(table.tables))
+    data.append(points([table.grid_bytes], [grid_error], "the map's own grid, float", MUTED, "diamond", 9))
+    more = "" if table.tables == 1 else ",<br>or of the rear angle times the yaw gain"
+    y = axis(f"Largest error of the yaw rate{more} (deg/s)", type="log")
+    tables = "yaw rate" if table.tables == 1 else "yaw rate and rear angle"
+    chart = panel(data, axis("Tables, axes and scales (bytes)", type="log"), y, title=f"{plain(name)}: {tables}")
+    return Picture([[chart]], (6.2, 4.4))

@@ -7,26 +7,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from codegen.arrays import BoolArray, FloatArray
 from codegen.errors import MapError, one_line
+from codegen.figures.data import BLUE, EMPTY, INK, ORANGE, Chart, Picture, entry, patches, plain, scale_of, text
+from codegen.figures.maps import INFEASIBLE_NAME, NamedMap, category_trace, colour_limits, heat_map, map_layout
 from codegen.map_file.bounds import MARKS
 from codegen.map_file.map import ReferenceMap
 from codegen.map_file.tables import ACCELERATION, FRICTION
 from codegen.optimum.nonlinear import ABOVE, SlipUse, slip_use
-from codegen.report import style
 from codegen.report.summary import TYRE, map_summary
 from codegen.units import KM_H
-
-if TYPE_CHECKING:
-    from matplotlib.artist import Artist
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure, SubFigure
-
 
 POINT_SPEEDS_KM_H = (30.0, 60.0, 100.0, 150.0)
 POINT_FRONT_ANGLES_DEG = (2.0, 5.0, 10.0)
@@ -329,133 +324,96 @@ BOUND = 100.0
 """Percent."""
 
 MAPS_SIZE = (9.6, 7.2)
-"""Width and height of a figure without slips, in inches."""
+"""Width and height of a picture without slips, in inches."""
 
-BOTH, DIVERGING, USE = "#D9D4C5", "BrBG", "RdYlBu_r"
+BOTH_COLOUR = "#D9D4C5"
+
+Maps = tuple[ReferenceMap, ReferenceMap]
+Uses = tuple[SlipUse | None, SlipUse | None]
 
 
-def map_difference_figure(
-    maps: tuple[ReferenceMap, ReferenceMap], used: tuple[SlipUse | None, SlipUse | None], names: tuple[str, str]
-) -> Figure:
-    """Draw two maps over speed and front angle: each on its own breakpoints, comparisons on those of the first.
+def difference_charts(one: NamedMap, other: NamedMap, number: int = 1) -> list[Chart]:
+    """Return the yaw rates of two maps and their difference on the axes of the first; NaN where one is infeasible.
+
+    `number` distinguishes several comparisons in one report.
+    """
+    here = on_axes_of(one.map, other.map)
+    mine, theirs, gain = (np.degrees(rates) for rates in (one.map.yaw_rate, here, one.map.yaw_rate - here))
+    both = colour_limits([mine, theirs])
+    reach = max(float(np.nanmax(np.abs(gain))) if np.isfinite(gain).any() else 0.0, COLOUR_RANGE_MIN)
+    shown = (
+        ("first", one.title, mine, "viridis", both),
+        ("second", other.title, theirs, "viridis", both),
+        ("difference", f"{one.title} minus {other.title}", gain, "BrBG", (-reach, reach)),
+    )
+    charts = []
+    for name, title, table, colours, limits in shown:
+        figure = {"data": [heat_map(one, table, title, "deg/s", colours, limits)], "layout": map_layout(one, legend=False)}
+        spoken = f"Heat map of the yaw rate: {title}."
+        above = "First less second" if name == "difference" else f"Yaw rate r, {name}: {plain(one_line(title, NAME_MAX))}"
+        charts.append(Chart(f"compare-{name}-{number}", figure, f"Yaw rate: {title}.", spoken, 360, above))
+    return charts
+
+
+def map_difference_picture(maps: Maps, used: Uses, names: tuple[str, str]) -> Picture:
+    """Return two maps and their difference over speed and front angle, on the breakpoints of the first.
 
     Args:
         used: `slip_use` of each map; without it, its two panels are omitted.
     """
-    with style.style():
-        figure = style.new_figure(13.2, 7.2) if any(used) else style.new_figure(*MAPS_SIZE)
-        draw_map_difference(figure, maps, used, names)
-    return figure
+    rows = difference_rows(maps, used, names)
+    return Picture(rows, (13.2, 7.2) if any(used) else MAPS_SIZE)
 
 
-def draw_map_difference(
-    figure: Figure | SubFigure,
-    maps: tuple[ReferenceMap, ReferenceMap],
-    used: tuple[SlipUse | None, SlipUse | None],
-    names: tuple[str, str],
-) -> None:
-    """Draw the panels of `map_difference_figure` in a figure or a part of one, in the style that is set."""
-    from matplotlib.ticker import MaxNLocator
-
-    known = any(used)
-    titles = [
-        f"{which}: {style.plain(one_line(name, NAME_MAX))}" for which, name in zip(("first", "second"), names, strict=True)
-    ]
-    grid = figure.subplots(2, 3 if known else 2, sharex=True, sharey=True)
-    _draw_yaw_rates(figure, grid[0][:2], maps, titles)
-    gain, where = grid[:, 2] if known else grid[1]
-    limits = {"xlim": grid[0][0].get_xlim(), "ylim": grid[0][0].get_ylim()}
-    _draw_gain(figure, gain, maps)
-    entries = _draw_where(where, maps)
-    if known and _draw_use(figure, grid[1][:2], maps, used, titles):
-        entries.append(style.line_handle(color=style.BLACK, linewidth=1.0, label="slip meets its bound"))
-    grid[0][0].set(**limits)
-    for axes in grid[-1]:
-        axes.set_xlabel(style.SPEED_LABEL)
-    grid[0][0].xaxis.set_major_locator(MaxNLocator(5, prune="upper"))  # the last label would touch the first of the next panel
-    for axes in grid[:, 0]:
-        axes.set_ylabel(style.FRONT_ANGLE_LABEL)
-    figure.legend(handles=entries, loc="outside lower center", ncols=len(entries))
+def difference_rows(maps: Maps, used: Uses, names: tuple[str, str]) -> list[list[Chart | None]]:
+    """Return the charts of `map_difference_picture` in rows."""
+    named = NamedMap(names[0], maps[0]), NamedMap(names[1], maps[1])
+    first, second, gain = difference_charts(*named)
+    where = _where_chart(named[0], maps)
+    if not any(used):
+        return [[first, second], [gain, where]]
+    return [[first, second, gain], [*_use_charts(named, used), where]]
 
 
-def _draw_yaw_rates(
-    figure: Figure | SubFigure, panels: Sequence[Axes], maps: tuple[ReferenceMap, ReferenceMap], titles: Sequence[str]
-) -> None:
-    """Draw both on one scale. The first is drawn last, because its limits are those of the picture."""
-    scale = style.YAW_RATE.scale(maps)
-    for axes, one, title in reversed(list(zip(panels, maps, titles, strict=True))):
-        table = style.YAW_RATE.degrees(one)
-        assert table is not None
-        style.draw_table(axes, one, table, scale, style.YAW_RATE.colours)
-        axes.set_title(f"{style.YAW_RATE.name}, {title}")
-    style.YAW_RATE.colour_bar(figure, list(panels), scale, label=f"yaw rate ({style.YAW_RATE.unit})")
-
-
-def _draw_gain(figure: Figure | SubFigure, axes: Axes, maps: tuple[ReferenceMap, ReferenceMap]) -> None:
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-
-    first, second = maps
-    gain = np.degrees(first.yaw_rate - on_axes_of(first, second))
-    reach = max(float(np.nanmax(np.abs(gain), initial=0.0)), COLOUR_RANGE_MIN)
-    scale = Normalize(-reach, reach)
-    style.draw_table(axes, first, gain, scale, DIVERGING)
-    figure.colorbar(ScalarMappable(scale, DIVERGING), ax=axes, label=f"yaw rate ({style.YAW_RATE.unit})")
-    axes.set_title("First less second")
-
-
-def _draw_where(axes: Axes, maps: tuple[ReferenceMap, ReferenceMap]) -> list[Artist]:
-    """Draw which map is feasible at the breakpoints of the first; return the legend entries."""
-    from matplotlib.colors import ListedColormap, Normalize
-
+def _where_chart(one: NamedMap, maps: Maps) -> Chart:
+    """Return which map is feasible at the breakpoints of the first."""
     first, second = maps
     theirs = np.isfinite(on_axes_of(first, second))
     kinds = (
-        (first.feasible & theirs, BOTH, "both"),
-        (first.feasible & ~theirs, style.BLUE, "the first alone"),
-        (theirs & ~first.feasible, style.ORANGE, "the second alone"),
+        (first.feasible & theirs, BOTH_COLOUR, "both"),
+        (first.feasible & ~theirs, BLUE, "the first alone"),
+        (theirs & ~first.feasible, ORANGE, "the second alone"),
     )
-    table = np.full(first.feasible.shape, np.nan)
+    codes = np.zeros(first.feasible.shape, dtype=np.uint8)
     for index, (cells, _, _) in enumerate(kinds):
-        table[cells] = index
-    style.draw_table(axes, first, table, Normalize(-0.5, len(kinds) - 0.5), ListedColormap([colour for _, colour, _ in kinds]))
-    axes.set_title("Where feasible")
-    patches = [
-        style.patch_handle(facecolor=colour, edgecolor=style.GREY, linewidth=0.5, label=name)
-        for cells, colour, name in kinds
-        if cells.any()
-    ]
-    return [*patches, *style.map_legend(phase_line=False, infeasible=bool(np.isnan(table).any()))]
+        codes[cells] = index
+    hidden = ~(first.feasible | theirs)
+    colours, labels = [colour for _, colour, _ in kinds], [label for _, _, label in kinds]
+    trace = category_trace(one.speed_km_h, one.front_angle_deg, codes, hidden, labels, colours)
+    told = [(label, colour) for cells, colour, label in kinds if cells.any()]
+    told += [(INFEASIBLE_NAME, EMPTY)] if hidden.any() else []
+    entries = patches([label for label, _ in told], [colour for _, colour in told])
+    return Chart("", {"data": [trace, *entries], "layout": map_layout(one)}, title="Where feasible")
 
 
-def _draw_use(
-    figure: Figure | SubFigure,
-    panels: Sequence[Axes],
-    maps: tuple[ReferenceMap, ReferenceMap],
-    used: tuple[SlipUse | None, SlipUse | None],
-    titles: Sequence[str],
-) -> bool:
-    """Draw the slip of the axle that is nearer to its bound, in percent of the bound, with a line where it meets the bound.
-    Return whether there is such a line."""
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import TwoSlopeNorm
-
+def _use_charts(named: tuple[NamedMap, NamedMap], used: Uses) -> Iterator[Chart]:
+    """Yield the slip of the axle that is nearer to its bound, in percent of the bound, with a line where it meets the bound."""
     tables = [None if use is None else np.fmax(use.front, use.rear) for use in used]
     highest = max((float(np.nanmax(table, initial=0.0)) for table in tables if table is not None), default=0.0)
     top = max(highest, BOUND + ABOVE_BOUND_MIN)
-    scale = TwoSlopeNorm(BOUND, 0.0, top)
-    lines = 0
-    for axes, one, table, title in zip(panels, maps, tables, titles, strict=True):
+    ticks = [*np.arange(0.0, BOUND, 25.0).tolist(), *np.linspace(BOUND, top, 3).round().tolist()]
+    bar = {"title": {"text": "slip, of its bound on the plant (%)"}, "tickvals": ticks}
+    for one, table, which in zip(named, tables, ("first", "second"), strict=True):
+        look, title = map_layout(one), f"Slip used, {which}: {plain(one_line(one.name, NAME_MAX))}"
         if table is None:
-            axes.text(0.5, 0.5, "contains no car", transform=axes.transAxes, ha="center")
-        else:
-            style.draw_table(axes, one, table, scale, USE)
-            if (table > ABOVE).any():
-                lines += 1
-                held = np.ma.masked_invalid(table.T)
-                axes.contour(one.speed / KM_H, np.degrees(one.front_angle), held, [ABOVE], colors=style.BLACK, linewidths=1.0)
-        axes.set_title(f"Slip used, {title}")
-    ticks = [*np.arange(0.0, BOUND, 25.0), *np.linspace(BOUND, top, 3)]
-    label = "slip, of its bound on the plant (%)"
-    figure.colorbar(ScalarMappable(scale, USE), ax=list(panels), label=label, ticks=ticks, format="%.0f")
-    return lines > 0
+            words = [text("contains no car", 0.5, 0.5, xref="paper", yref="paper")]
+            yield Chart("", {"data": [], "layout": {**look, "annotations": words}}, title=title)
+            continue
+        trace = heat_map(one, table, "slip", "%", "RdYlBu_r", (0.0, top))
+        data: list[dict[str, Any]] = [{**trace, "colorscale": scale_of("RdYlBu_r", BOUND / top), "colorbar": bar}]
+        if (table > ABOVE).any():
+            asked = {"start": ABOVE, "end": ABOVE, "size": 1.0, "coloring": "none"}
+            drawn = {"color": INK, "width": 1.3}
+            data.append({**trace, "type": "contour", "contours": asked, "line": drawn, "showscale": False, "showlegend": False})
+            data.append(entry("slip meets its bound", INK, "solid", 1.3))
+        yield Chart("", {"data": data, "layout": look}, title=title)

@@ -10,9 +10,9 @@ import importlib.util
 import itertools
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -21,42 +21,28 @@ from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.emit.from_files import prepare
 from codegen.errors import CheckFailed
+from codegen.figures.curves import tyre_picture
+from codegen.figures.data import AFTER_STEP, VERMILION, WHITE, Picture, points, text
+from codegen.figures.draw import draw, save
+from codegen.figures.maps import NamedMap, front_angle_cut_picture, phase_lines, three_maps_picture, yaw_rate_chart
+from codegen.figures.paper_tables import CASES, RUNS, TABLE_FRONT_ANGLE_DEG, TableRow, optimum_rows, optimum_table, run_table
+from codegen.figures.runs import MOTION_PANELS, column, run_chart, run_picture
 from codegen.files import make_folder, write_atomically
 from codegen.map_file import map as npz
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.solve import solve_case
-from codegen.report import style
 from codegen.report.bus_tables import fault_data
-from codegen.report.html.maps import NamedMap
 from codegen.report.html.page import render
 from codegen.report.html.report import Material, sections
-from codegen.report.map_plots import front_angle_cut_figure, three_maps_figure
-from codegen.report.paper_tables import CASES, RUNS, TABLE_FRONT_ANGLE_DEG, TableRow, optimum_rows, optimum_table, run_table
-from codegen.report.run_plots import (
-    MOTION_SIGNALS,
-    column,
-    draw_signal,
-    looks_of,
-    run_figure,
-    run_handles,
-    run_window,
-    signal_limits,
-)
-from codegen.report.scenario_plots import after_step
 from codegen.report.summary import metric_rows
-from codegen.report.tyre_plots import tyre_figure
 from codegen.sil.compile import find_compiler
 from codegen.sil.software import Software, load
-from codegen.text_table import text_table
+from codegen.text import text_table
 from hil_sim.bench import run, run_through_can
 from hil_sim.fault_catalogue import run_all
 from hil_sim.logs import save_csv
 from hil_sim.metrics import Evaluation, evaluate, step_metrics
 from hil_sim.scenarios import DEFAULT, find
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure, SubFigure
 
 PASSIVE = "passive car"
 
@@ -159,21 +145,23 @@ def reproduce(folder: Path, done: Callable[[int, int, str], None] | None = None)
 
 def _draw(folder: Path, config: Config, maps: Mapping[str, ReferenceMap], records: Mapping[str, Any]) -> dict[str, Path]:
     step = find(DEFAULT)
-    figures = {
-        "maps": three_maps_figure(maps),
-        "front-angle-4deg": front_angle_cut_figure(maps, math.radians(TABLE_FRONT_ANGLE_DEG)),
-        "tyres": tyre_figure(config),
-        "c1-c2": run_figure(after_step(records, step), step.title, limits=signal_limits(config), time_label=style.AFTER_STEP),
-        "overview": overview_figure(
+    after = run_chart(records, config, step.title, origin=step.steer_time, time_label=AFTER_STEP)
+    pictures = {
+        "maps": three_maps_picture(maps),
+        "front-angle-4deg": front_angle_cut_picture(maps, math.radians(TABLE_FRONT_ANGLE_DEG)),
+        "tyres": tyre_picture(config),
+        "c1-c2": run_picture(after, step.title),
+        "overview": overview_picture(
             maps[RUNS["C1"]],
-            after_step(records, step),
+            records,
             f"The paper's yaw-rate map 4WS-2, road friction {config.road.friction:g}",
+            step.steer_time,
         ),
     }
     paths = {}
-    for name, figure in figures.items():
+    for name, picture in pictures.items():
         paths[f"plot {name}"] = folder / f"{name}.png"
-        style.save(figure, paths[f"plot {name}"])
+        save(draw(picture), paths[f"plot {name}"])
     return paths
 
 
@@ -204,54 +192,30 @@ def _report(
     return {"report": path}
 
 
-def overview_figure(reference_map: ReferenceMap, runs: Mapping[str, FloatArray], title: str) -> Figure:
-    """Draw a map and step responses in closed loop in one wide picture, 1600 by 780 pixels; time zero is the step.
+def overview_picture(reference_map: ReferenceMap, runs: Mapping[str, FloatArray], title: str, origin: float) -> Picture:
+    """Return a map and step responses in closed loop in one wide picture.
 
     Args:
         reference_map: map of an optimisation. title: its title.
         runs: runs of one step; the last sample of the first marks the step in the map.
+        origin: time of the step in s, which becomes zero.
 
     Raises:
         PlotError: the runs cannot be drawn.
     """
-    looks, window = looks_of(runs), run_window(runs)
-    with style.style(1.3):
-        figure = style.new_figure(1600 / 130, 780 / 130, dpi=130)
-        parts = figure.add_gridspec(1, 2, width_ratios=(1.0, 1.05), wspace=0.03)
-        left, right = figure.add_subfigure(parts[0, 0]), figure.add_subfigure(parts[0, 1])
-        axes = left.subplots()
-        _draw_overview_map(left, axes, reference_map, runs)
-        axes.set_title(title)
-        panels = right.subplots(len(MOTION_SIGNALS), 1, sharex=True, height_ratios=(1.4, 1.0, 1.0))
-        for panel, signal in zip(panels, MOTION_SIGNALS, strict=True):
-            draw_signal(panel, runs, looks, signal, window)
-        panels[0].set_title("Generated C in the loop: step steer")
-        panels[-1].set(xlabel=style.AFTER_STEP)
-        right.align_ylabels(panels)
-        right.legend(handles=run_handles(panels[0], "reference"), loc="outside lower center", ncols=2)
-    return figure
-
-
-def _draw_overview_map(figure: SubFigure, axes: Axes, reference_map: ReferenceMap, runs: Mapping[str, FloatArray]) -> None:
-    scale = style.YAW_RATE.scale([reference_map])
-    entries = style.map_legend(
-        style.draw_quantity(axes, reference_map, style.YAW_RATE, scale), not reference_map.feasible.all()
-    )
-    style.YAW_RATE.colour_bar(figure, axes, scale, label=style.YAW_RATE.label, location="bottom", aspect=40, pad=0.02)
+    steps = run_chart(runs, None, "", MOTION_PANELS, origin=origin, time_label=AFTER_STEP)
     last = next(iter(runs.values()))[-1:]
     speed, front_angle = column(last, "speed_m_s")[0], column(last, "front_angle_rad")[0]
-    point: dict[str, Any] = {
-        "linestyle": "",
-        "marker": "o",
-        "markersize": 9,
-        "color": style.VERMILION,
-        "markeredgecolor": style.WHITE,
-    }
-    label = f"the step: {speed:.4g} km/h, {front_angle:.3g} deg"
-    entries += axes.plot([speed], [front_angle], label=label, zorder=4, **point)
-    for piece in style.phase_lines(reference_map)[:1]:
+    step = points(
+        [speed], [front_angle], f"the step: {speed:.4g} km/h, {front_angle:.3g} deg", VERMILION, size=14,
+        marker={"line": {"color": WHITE, "width": 1.5}},
+    )  # fmt: skip
+    chart = yaw_rate_chart(NamedMap("", reference_map), [step])
+    words = []
+    for piece in phase_lines(reference_map)[:1]:
         foot = float(piece[np.argmin(piece[:, 1]), 0])
-        for side, name, align in ((-2.0, "rear wheels opposite", "right"), (2.0, "same direction", "left")):
-            axes.text(foot + side, 0.35, name, color=style.WHITE, ha=align, va="center")
-    axes.set(xlabel=style.SPEED_LABEL, ylabel=style.FRONT_ANGLE_LABEL)
-    axes.legend(handles=entries, loc="upper right", frameon=True, framealpha=1.0, fontsize="small")
+        for side, name, anchor in ((-2.0, "rear wheels opposite", "right"), (2.0, "same direction", "left")):
+            words.append(text(name, foot + side, 0.35, xanchor=anchor, font={"color": WHITE}))
+    figure = {**chart.figure, "layout": {**chart.figure["layout"], "annotations": words}}
+    charts = [replace(chart, figure=figure, title=title), replace(steps, title="Generated C in the loop: step steer")]
+    return Picture([charts], (10.7, 5.2), widths=(1.0, 1.05), font_scale=1.1)

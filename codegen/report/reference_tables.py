@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from codegen.report.suite_tables import NONE, condition_tables, path_table, rise_table, sine_table, wrapped
-from codegen.text_table import text_table
+from codegen.text import text_table
 from hil_sim.scenarios import PATH_SCENARIOS
 from hil_sim.suite.cells import COMBINED, NOMINAL, lags
 from hil_sim.suite.subjects import PASSIVE

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from itertools import groupby
 from typing import TYPE_CHECKING
 
-from codegen.text_table import text_table
+from codegen.text import text_table
 from hil_sim.scenarios import PATH_SCENARIOS
 from hil_sim.suite.cars import PLANTS, SHARES, SPEEDS_KM_H
 from hil_sim.suite.cells import NOMINAL, lags

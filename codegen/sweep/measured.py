@@ -18,6 +18,7 @@ import numpy as np
 from codegen import cache, configuration
 from codegen.configuration import Config, Identified
 from codegen.design.family import measured_keys
+from codegen.design.tune import tune
 from codegen.emit.build import BuildInputs, BuildOptions, build_code
 from codegen.errors import BuildError, ConfigError, within
 from codegen.map_file import map as npz
@@ -26,7 +27,6 @@ from codegen.optimum.solve import solve_case
 from codegen.sweep.lanes import DELAY_KEY
 from codegen.sweep.spec import FACTORS, Spec
 from codegen.sweep.versions import sources_digest
-from codegen.tuning.tune import tune
 from codegen.vehicle.plant_car import plant_parameters
 from codegen.vehicle.population import Population, changed_car, require_accepted, require_identified
 

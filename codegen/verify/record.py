@@ -24,7 +24,7 @@ from codegen.emit.folder import VERIFICATION_FILES
 from codegen.emit.manual import manual
 from codegen.errors import CodegenError
 from codegen.files import write_together
-from codegen.plausibility.build import read_record
+from codegen.judgement.build_warnings import read_record
 from codegen.verify.check import Outcome, Verdict
 from codegen.verify.runner import CHECKS, LEFT_OUT, VerificationReport
 

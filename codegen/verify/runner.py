@@ -1,4 +1,4 @@
-"""Runs the checks of `codegen verify` on a build, each in a process of its own, and keeps what came of them."""
+"""Runs the checks of `codegen verify` on a build, each in a process of its own, and collects their outcomes."""
 
 from __future__ import annotations
 
@@ -75,6 +75,13 @@ CHECKS = (
         quick=True,
     ),
     Registered(
+        "generator",
+        "generator",
+        "codegen.verify.generator",
+        "The C is the generator's own, or every result of the edited C equals that of the generator's C, bit for bit",
+        quick=True,
+    ),
+    Registered(
         "law",
         "control law",
         "codegen.verify.law.check",
@@ -101,7 +108,17 @@ CHECKS = (
     ),
 )
 SLOWEST_FIRST = (
-    *("contracts", "sanitizers", "compiles", "static-analysis", "law", "processor-in-the-loop", "memory", "budgets"),
+    *(
+        "contracts",
+        "sanitizers",
+        "compiles",
+        "static-analysis",
+        "law",
+        "processor-in-the-loop",
+        "memory",
+        "budgets",
+        "generator",
+    ),
 )
 """Order in which checks start. In every effort, the first PARALLEL_CHECKS of them do not use `Subject.unbounded`."""
 

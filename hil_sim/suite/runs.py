@@ -12,11 +12,11 @@ import numpy as np
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
+from codegen.design.lead import unit_step
 from codegen.metrics import Runs, SlipOfBound, StepResponse
 from codegen.metrics.runs import spin_times
 from codegen.sil.batch import Lanes, sensor_errors
 from codegen.sil.software import RECORD_COLUMNS, Software
-from codegen.tuning.transient import unit_step
 from codegen.units import KM_H
 from codegen.vehicle.plant_car import plant_parameters
 from codegen.vehicle.tyre import slip_bounds

@@ -11,6 +11,7 @@ from typing import Any
 
 from codegen import configuration
 from codegen.configuration import Case, Config
+from codegen.design.tune import tune
 from codegen.emit.build import BuildInputs, BuildOptions, build_code
 from codegen.emit.folder import read_files, verify_hashes
 from codegen.emit.laws import LAWS, is_untuned
@@ -23,7 +24,6 @@ from codegen.optimum.solve import solve_case, solve_stack
 from codegen.sil.batch import BatchSoftware, compile_batch
 from codegen.sil.closed_loop import ClosedLoop, LoopOptions
 from codegen.sil.software import Software, compile_build, require_can_side
-from codegen.tuning.tune import tune
 from codegen.vehicle.plant_car import optional_parts
 
 PASSIVE = "passive"

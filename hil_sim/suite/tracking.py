@@ -10,7 +10,7 @@ from typing import Any
 from codegen.arrays import FloatArray
 from codegen.configuration import Case, Config
 from codegen.design.family import members
-from codegen.design.tune import breakpoints
+from codegen.design.gains import breakpoints
 from hil_sim.suite.cells import NOMINAL, Cell, Condition, c1, cells, conditions, lags
 from hil_sim.suite.controller_properties import (
     FamilyMargins,

@@ -27,18 +27,19 @@ from codegen.design.margins import (
 )
 from codegen.ecu_map.extend import extend
 from codegen.ecu_map.total import RULE_TEXT, Rule
+from codegen.figures.curves import tyre_picture
+from codegen.figures.data import AFTER_STEP, EMPTY
+from codegen.figures.draw import COLOURS, draw, to_bytes
+from codegen.figures.maps import front_angle_cut_picture, map_picture
+from codegen.figures.runs import run_chart, run_picture
 from codegen.files import write_atomically
 from codegen.map_file import map as npz
 from codegen.optimum.nonlinear import slip_use
 from codegen.optimum.problem import SteadyTurnProblem
 from codegen.optimum.solve import solve_case
 from codegen.report import style as look
-from codegen.report.map_difference import map_difference_figure
-from codegen.report.map_plots import front_angle_cut_figure, map_figure
-from codegen.report.paper import overview_figure
-from codegen.report.run_plots import run_figure
-from codegen.report.scenario_plots import after_step
-from codegen.report.tyre_plots import tyre_figure
+from codegen.report.map_difference import map_difference_picture
+from codegen.report.paper import overview_picture
 from scripts.guide import frame_layout, gust_margins, map_choice, sketches
 
 if TYPE_CHECKING:
@@ -65,19 +66,19 @@ def _recommended() -> configuration.Config:
 
 def tyre() -> Figure:
     """The tyre's force over slip, its tangent, its linear range."""
-    return tyre_figure(configuration.preset())
+    return draw(tyre_picture(configuration.preset()))
 
 
 def reference_map() -> Figure:
     """The map of the committed build: yaw rate, sideslip, rear angle, and what binds."""
-    return map_figure(_recommended_map(), "The recommended 4WS-2 map")
+    return draw(map_picture(_recommended_map(), "The recommended 4WS-2 map"))
 
 
 def cut() -> Figure:
     """The three cases of the paper over speed at 4 deg."""
     paper = configuration.preset()
     maps = {name: solve_case(paper, case) for name, case in (("FWS", "fws"), ("4WS-1", "4ws-1"), ("4WS-2", "4ws-2"))}
-    return front_angle_cut_figure(maps, math.radians(4.0))
+    return draw(front_angle_cut_picture(maps, math.radians(4.0)))
 
 
 @functools.cache
@@ -103,22 +104,16 @@ def _steps() -> tuple[Scenario, Mapping[str, FloatArray]]:
 def overview() -> Figure:
     """The map of the committed build, and the paper's step."""
     scenario, runs = _steps()
-    return overview_figure(
-        _recommended_map(),
-        after_step(runs, scenario),
-        f"Optimal yaw-rate map, road friction {_recommended().road.friction:g}",
-    )
+    title = f"Optimal yaw-rate map, road friction {_recommended().road.friction:g}"
+    return draw(overview_picture(_recommended_map(), runs, title, scenario.steer_time))
 
 
 def step() -> Figure:
     """The paper's step steer: both kinds of controller, and the passive car."""
     scenario, runs = _steps()
     shown = {name: runs[name] for name in ("recommended", "C1", "passive")}
-    return run_figure(
-        after_step(shown, scenario),
-        scenario.title,
-        time_label=look.AFTER_STEP,
-    )
+    chart = run_chart(shown, None, scenario.title, origin=scenario.steer_time, time_label=AFTER_STEP)
+    return draw(run_picture(chart, scenario.title))
 
 
 def choice(speed_km_h: float = 43.35, front_angle_deg: float = 4.0) -> Figure:
@@ -160,7 +155,7 @@ def choice(speed_km_h: float = 43.35, front_angle_deg: float = 4.0) -> Figure:
         below.set(ylabel="Share of the bound used", xlabel=f"Rear angle {look.REAR_ANGLE} (deg)", ylim=(0.0, 1.6))
         below.legend(loc="upper right", ncols=2)
         for axes in (above, below):
-            axes.fill_between(degrees, *axes.get_ylim(), where=~allowed, color=look.INFEASIBLE_FACE, linewidth=0.0, zorder=0)
+            axes.fill_between(degrees, *axes.get_ylim(), where=~allowed, color=COLOURS[EMPTY], linewidth=0.0, zorder=0)
             axes.set_xlim(degrees[0], degrees[-1])
             axes.grid(True)
     return figure
@@ -196,7 +191,8 @@ def rules() -> Figure:
 def nonlinear() -> Figure:
     """The map of the committed build beside that of the same case with the linear tyre."""
     maps = solve_case(_recommended().with_tyre_model("linear"), "4ws-2"), _recommended_map()
-    return map_difference_figure(maps, (slip_use(maps[0]), slip_use(maps[1])), ("linear tyre", "nonlinear tyre"))
+    names = "linear tyre", "nonlinear tyre"
+    return draw(map_difference_picture(maps, (slip_use(maps[0]), slip_use(maps[1])), names))
 
 
 def margins() -> Figure:
@@ -309,8 +305,8 @@ def draw_all(folder: Path) -> list[Path]:
     """Draw every figure into a folder, and return those that are new or have changed."""
     folder.mkdir(parents=True, exist_ok=True)
     written = []
-    for name, draw in FIGURES.items():
-        path, content = folder / f"{name}.png", _small(look.to_png(draw()), name in SHADED)
+    for name, make in FIGURES.items():
+        path, content = folder / f"{name}.png", _small(to_bytes(make()), name in SHADED)
         if not path.is_file() or path.read_bytes() != content:
             write_atomically(path, content)
             written.append(path)

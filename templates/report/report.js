@@ -40,7 +40,7 @@ function painted(value, colours) {
   const copy = {};
   for (const [key, each] of Object.entries(value)) {
     if (key === "codes") {
-      copy.text = rows(each).map((row) => row.map((code) => each.names[code]));
+      copy.text = rows(each.cells).map((row) => row.map((code) => each.names[code]));
     } else {
       copy[key] = painted(each, colours);
     }

@@ -10,9 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from codegen.report.html.blocks import Chart, axis, layout, line
-from codegen.report.html.maps import SPEED, NamedMap
-from codegen.report.style import BLUE
+from codegen.figures.data import BLUE, SPEED, Chart, axis, layout, line
+from codegen.figures.maps import NamedMap
 
 
 def acceleration_chart(one: NamedMap) -> Chart:
@@ -30,7 +29,6 @@ from pathlib import Path
 
 import numpy as np
 
-from codegen.report.html.blocks import numbers
 from codegen.report.html.gather import Request, gather, read
 from codegen.report.html.page import charts_of, render
 from codegen.report.html.report import sections
@@ -40,7 +38,7 @@ made = list(sections(material))
 (chart,) = [chart for chart in charts_of(made) if chart.name == "acceleration"]
 one = material.map.map
 expected = [float((speed * rates[cells]).max()) for speed, rates, cells in zip(one.speed, one.yaw_rate, one.feasible)]
-assert chart.figure["data"][0]["y"] == numbers(expected)
+assert np.allclose(chart.figure["data"][0]["y"], expected, rtol=1e-12)
 page = render("test", made).decode()
 assert 'id="chart-acceleration"' in page and chart.caption in page
 """
@@ -51,10 +49,10 @@ def test_a_chart_touches_at_most_three_files(tree: Copy) -> None:
     report = "codegen/report/html/report.py"
     tree.replace(
         report,
-        "from codegen.report.html.blocks import (",
-        "from codegen.report.html.acceleration import acceleration_chart\nfrom codegen.report.html.blocks import (",
+        "from codegen.report.html.blocks import Block",
+        "from codegen.report.html.acceleration import acceleration_chart\nfrom codegen.report.html.blocks import Block",
     )
-    tree.after(report, "    yield maps.heat_maps(one)\n", "    yield acceleration_chart(one)\n")
+    tree.after(report, "    yield Gallery(heat_map_charts(one))\n", "    yield acceleration_chart(one)\n")
     tree.run("-c", CHECK, str(ROOT / "generated" / "4ws2.npz"))
     map_file = ROOT / "generated" / "4ws2.npz"
     tree.commands(f"report --map {map_file} --no-simulation -o report.html")

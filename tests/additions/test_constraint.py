@@ -35,8 +35,8 @@ from codegen.importing.toml_edit import whole
 from codegen.map_file.bounds import MARKS, Binding, binding_text
 from codegen.map_file.map import from_bytes, to_bytes
 from codegen.optimum.solve import solve_case
-from codegen.report.html.maps import NamedMap, _binding
-from codegen.report.map_plots import map_figure
+from codegen.figures.draw import draw
+from codegen.figures.maps import NamedMap, _binding, map_picture
 
 data = preset().model_dump()
 data["limits"]["front_sideslip_max_deg"] = 1.0
@@ -66,7 +66,7 @@ assert found.meta["active_bits"]["front_sideslip"] == int(flag) and (found.activ
 alone = own.active == flag
 assert alone.any() and binding_text(int(flag)) == "front sideslip"
 assert sorted(mark.flag for mark in MARKS) == sorted(flag for flag in Binding)
-legend = [text.get_text() for text in map_figure(own, "test").legends[0].get_texts()]
+legend = [text.get_text() for text in draw(map_picture(own, "test")).legends[0].get_texts()]
 assert any("front sideslip" in text for text in legend)
 chart = _binding(NamedMap("test", own), own.active)
 assert "front sideslip" in chart.spoken and "#661100" in str(chart.figure)

@@ -9,7 +9,7 @@ import pytest
 
 from codegen import configuration
 from codegen.errors import CodegenError
-from codegen.report import suite_plots
+from codegen.figures import suites as suite_charts
 from hil_sim.suite import cars, full_suite, references
 from hil_sim.suite.cars import CarResult, CarsResult
 from hil_sim.suite.full_suite import FullSuite
@@ -149,7 +149,7 @@ def test_suite_of_references(run: Run, refused: Refused, monkeypatch: pytest.Mon
     seen: list[Candidate] = []
     result = made_references.made()
     monkeypatch.setattr(references, "run_references", lambda candidate, _: (seen.append(candidate), result)[1])
-    monkeypatch.setattr(suite_plots, "figures", lambda shown: {"price": suite_plots.price_figure(shown)})
+    monkeypatch.setattr(suite_charts, "pictures", lambda shown: {"price": suite_charts.price_picture(shown)})
     answer = run("suite", "references", "--plot", "overview.png", "-o", "pictures")
     assert answer.code == 0, answer
     assert answer.out.startswith("suite references: the recommended preset\n\nReferences under the same controller")

@@ -10,14 +10,14 @@ import pytest
 
 from codegen import configuration
 from codegen.configuration import Config
+from codegen.design.lead import Response
 from codegen.design.margins import gains_of, weakest
 from codegen.ecu_map.model_excess import Excess
+from codegen.judgement.build_warnings import excess_warning
 from codegen.judgement.model import of_map
 from codegen.library.tuning import _target_note, _trim_facts, _trim_text
 from codegen.map_file import map as npz
 from codegen.optimum.solve import solve_case
-from codegen.plausibility.build import excess_warning
-from codegen.tuning.transient import Response
 
 from .conftest import Answer, Run, edit, everything_in
 

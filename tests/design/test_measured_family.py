@@ -10,10 +10,10 @@ from scipy.stats import chi2, norm
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.design.family import MEASURABLE, Member, measured_keys, members, nominal, origin
+from codegen.design.gains import design
 from codegen.design.margins import gains_of, loop_margins
 from codegen.design.sampled import frequency_grid, sample
 from codegen.design.search import Demands
-from codegen.design.tune import design
 from codegen.errors import ConfigError
 from codegen.units import KM_H
 from codegen.vehicle.population import Population, draw

@@ -9,10 +9,10 @@ import pytest
 from codegen.configuration import Config, Schedule
 from codegen.configuration.controller import INTEGRAL_GAIN_MAX
 from codegen.design.family import Member, members, nominal
+from codegen.design.gains import BETWEEN, STEP_BEYOND, breakpoints, design, tune
 from codegen.design.margins import gains_of, loop_margins, nominal_margins
 from codegen.design.sampled import frequency_grid, sample
 from codegen.design.search import Cars, Demands, Shortfall, best_gains
-from codegen.design.tune import BETWEEN, STEP_BEYOND, breakpoints, design, tune
 from codegen.errors import ConfigError
 from codegen.units import KM_H
 
@@ -154,7 +154,7 @@ def test_the_speed_without_sufficient_gains_is_reported(monkeypatch: pytest.Monk
     text = str(refused.value)
     assert text.startswith("[tuning]: no gains meet the demands at 120 km/h: the car with lag 50 ms, mass 0 %")
     assert all(part in text for part in ("stiffness +50/-50 %", "dB", "narrow the family")) and "\n" not in text
-    monkeypatch.setattr("codegen.design.tune.RESERVES_MAX", 1)  # no further reserve is tested
+    monkeypatch.setattr("codegen.design.gains.RESERVES_MAX", 1)  # no further reserve is tested
     with pytest.raises(ConfigError, match=r"list a breakpoint between them$") as refused:
         tune(small_config())
     start = "tuning.speed_km_h: straight lines between the gains at 15 and 42.5 km/h do not meet the demands: at "

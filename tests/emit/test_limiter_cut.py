@@ -9,8 +9,8 @@ import pytest
 from codegen import configuration
 from codegen.configuration import Config
 from codegen.emit.limiter_view import LimiterCut, cut_text, opposite_phase_max, opposite_phase_speeds_km_h
+from codegen.judgement.car_warnings import car_warnings
 from codegen.optimum.solve import solve_case
-from codegen.plausibility.car import car_warnings
 from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
 

@@ -12,7 +12,7 @@ from codegen.explore.controls import ExploreError
 from codegen.explore.explorer import Explorer
 from codegen.explore.server import BODY_MAX, ExploreServer
 from codegen.explore.toml_file import Target
-from codegen.report.style import BLACK, CONTROLLER_COLOURS
+from codegen.figures.data import CONTROLLER_COLOURS, INK
 
 from .conftest import Answer, Client
 
@@ -60,7 +60,7 @@ def test_lines_have_the_colours_of_the_report(client: Client) -> None:
     assert set(re.findall(r'data-kind="(.*?)"\] \{ --now: (#\w+);', style)) == {
         (name, colour) for name, colour in CONTROLLER_COLOURS.items() if name != "passive"
     }
-    assert re.findall(r"--passive: ([^;]*);", style) == ["var(--ink)"] and CONTROLLER_COLOURS["passive"] == BLACK
+    assert re.findall(r"--passive: ([^;]*);", style) == ["var(--ink)"] and CONTROLLER_COLOURS["passive"] == INK
 
 
 @pytest.mark.parametrize("host", ["evil.example:{port}", "127.0.0.1:1", "localhost", "", None])

@@ -1,6 +1,7 @@
 """The A2L: read by independent readers, and compared with the addresses and numbers that a program prints."""
 
 import re
+import struct
 import subprocess
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -204,8 +205,26 @@ def test_the_byte_order_is_that_of_the_program(tracking: Linked) -> None:
 
 # --- other programs -----------------------------------------------------------------------------------------------------
 
+PROGBITS, NOBITS, ALLOC = 1, 8, 2
+"""Types of sections of an ELF, and the flag of those in memory."""
 EMPTY = "int main(void) { return 0; }\n"
 TASKS = '#include "ars_task.h"\nars_task_t one, two[2];\nint main(void) { return one.has_measured || two[1].has_measured; }\n'
+
+
+def written(path: Path, content: bytes) -> Path:
+    path.write_bytes(content)
+    return path
+
+
+def debug_information_of(program: Path) -> Path:
+    """Return a file as `objcopy --only-keep-debug` writes it: sections with code and values have no content."""
+    content = bytearray(program.read_bytes())
+    first, size, count = struct.unpack_from("<Q", content, 40)[0], *struct.unpack_from("<HH", content, 58)
+    for head in range(first, first + size * count, size):
+        kind, flags = struct.unpack_from("<LQ", content, head + 4)
+        if kind == PROGBITS and flags & ALLOC:
+            struct.pack_into("<L", content, head + 4, NOBITS)
+    return written(program.with_suffix(".debug"), bytes(content))
 
 
 UNSUITABLE: dict[str, Callable[[Path], Path]] = {
@@ -215,6 +234,11 @@ UNSUITABLE: dict[str, Callable[[Path], Path]] = {
     "in files of its own, such as program-main.dwo; compile without -gsplit-dwarf": lambda folder: compiled(
         folder, folder, EMPTY, "-gsplit-dwarf"
     ),
+    "empty; save or copy it again": lambda folder: written(folder / "empty.elf", b""),
+    "it has debug information alone, without code and values": lambda folder: debug_information_of(
+        compiled(folder, folder, EMPTY)
+    ),
+    "keep the calibration from --gc-sections and -flto": lambda folder: compiled(folder, folder, EMPTY),
     "no variable ars_epk": lambda folder: compiled(folder, folder, "int number = 1;\n" + EMPTY),
     "it holds the build ": lambda folder: compiled(GENERATED / "4ws2-paper", folder, EMPTY),
 }

@@ -31,7 +31,8 @@ from codegen.export.calibration.images import Image
 from codegen.export.calibration.labels import number_text
 from codegen.export.calibration.layout import Values
 from codegen.export.calibration.sets import READERS, merged, read_set
-from codegen.report.calibration_plots import ValueChange, calibration_figure
+from codegen.figures.draw import draw
+from codegen.report.calibration_plots import ValueChange, calibration_picture
 from codegen.units import KM_H
 from codegen.verify.target import CORTEX_M4F, POWERPC_BE, Core, Processor, compile_image
 from tests import builds, shared
@@ -671,7 +672,8 @@ def test_the_command_writes_compares_and_converts(run: Run, tmp_path: Path) -> N
 
 
 def test_the_picture_names_both_sets_and_units() -> None:
-    figure = calibration_figure([ValueChange(SLOW, "m/s", 10.0 / 3.0, 3.25)], [], None, ("first.dcm", "second.cdfx"))
+    change = ValueChange(SLOW, "m/s", 10.0 / 3.0, 3.25)
+    figure = draw(calibration_picture([change], [], None, ("first.dcm", "second.cdfx")))
     (axes,) = figure.findobj(Axes)
     assert axes.get_title(loc="left") == "Values, first (first.dcm) to second (second.cdfx)"
     assert [label.get_text() for label in axes.get_yticklabels()] == [f"{SLOW}: 3.333 → 3.25 m/s"]

@@ -1,5 +1,6 @@
 """Logs of every format, written by independent libraries, give the signals that went into them."""
 
+import shutil
 from pathlib import Path
 
 import asammdf
@@ -119,6 +120,9 @@ def test_several_drives_with_names_of_their_own(tmp_path: Path) -> None:
     reading = read_drives([first, second], [tmp_path / "two" / "car.dbc"])
     assert [drive.name for drive in reading.drives] == ["one.mf4", "one.blf"]
     assert reading.drives[0].signals.keys() == reading.drives[1].signals.keys()
+    copied = Path(shutil.copy(first, tmp_path / "two" / "one.mf4"))
+    reading = read_drives([first, copied])
+    assert [drive.name for drive in reading.drives] == [f"{tmp_path.name}/one.mf4", "two/one.mf4"]
 
 
 @pytest.mark.parametrize(
@@ -161,6 +165,22 @@ def test_a_line_of_units_with_that_of_the_time(tmp_path: Path) -> None:
     np.testing.assert_allclose(reading.drives[0].signals["vx"], 20.0)
 
 
+def test_an_unknown_unit_below_a_name_is_named(tmp_path: Path) -> None:
+    lines = ["time,vx,yaw_rate,delta_f", "s,furlong,rad/s,rad", *(f"{0.01 * k:g},72,0.1,0.01" for k in range(50))]
+    (tmp_path / "drive.csv").write_text("\n".join(lines), encoding="ascii")
+    with pytest.raises(CodegenError, match="'furlong' is no unit for vx"):
+        read_drives([tmp_path / "drive.csv"])
+    names = Names.model_validate({"vx": {"signal": "vx", "unit": "km/h"}, "yaw_rate": {"signal": "yaw_rate"}})
+    np.testing.assert_allclose(read_drives([tmp_path / "drive.csv"], (), names).drives[0].signals["vx"], 20.0)
+
+
+@pytest.mark.parametrize("text", ["2024-05-06T07:08:09.5", "2024-05-06 07:08:09Z", "06.05.2024 07:08", "07:08:09.5", "8:09.5"])
+def test_dates_and_times_of_the_day_in_a_table_are_named(text: str, tmp_path: Path) -> None:
+    (tmp_path / "drive.csv").write_text(f"time,vx_m_s,yaw_rate_rad_s,delta_f_rad\n{text},20,0.1,0.01\n", encoding="ascii")
+    with pytest.raises(CodegenError, match=r"line 2: '.*' is a date or a time of day; export times in seconds"):
+        read_drives([tmp_path / "drive.csv"])
+
+
 def test_durations_in_parquet(tmp_path: Path) -> None:
     table = made.table()
     table = table.assign(time=pd.to_timedelta(table["time_s"], unit="s")).drop(columns="time_s")
@@ -191,7 +211,7 @@ def test_an_error_about_a_missing_signal_names_what_was_not_read(tmp_path: Path)
 
 def test_a_log_without_frames_is_named_as_such(tmp_path: Path) -> None:
     write_bus(tmp_path / "drive.log", frames())
-    (tmp_path / "empty.log").write_text("", encoding="ascii")
+    (tmp_path / "empty.log").write_text("\n", encoding="ascii")
     with pytest.raises(CodegenError, match="it has no frame that is read; give a log with frames"):
         read_drives([tmp_path / "empty.log"], [tmp_path / "car.dbc"])
 

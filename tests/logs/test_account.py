@@ -79,6 +79,48 @@ def test_of_a_frame_and_its_copy_the_first_counts(first_is_late: bool, tmp_path:
     assert "12 ms later" in findings(log)[0]
 
 
+@pytest.mark.parametrize("late", [0, 1])
+@pytest.mark.parametrize("frames_each", [3, 50])
+def test_a_late_copy_of_data_that_change_slowly_is_no_original(late: int, frames_each: int, tmp_path: Path) -> None:
+    """Each copy comes 12 ms late, and so 8 ms before the next frame of the original, which has the same data."""
+    original = [message(0.02 * k, k // frames_each, channel=1 - late) for k in range(400)]
+    copies = [message(0.02 * k + 0.012, k // frames_each, channel=late) for k in range(400)]
+    log = opened(tmp_path / "drive.blf", [*original, *copies])
+    assert fates(log) == {Fate.USED: 400, Fate.COPY: 400}
+    np.testing.assert_allclose(log.frames.time[log.allotment.keys[0x100, False]], 0.02 * np.arange(400), atol=1e-6)
+    assert "12 ms later" in findings(log)[0]
+
+
+@pytest.mark.parametrize("every", [1, 2])
+def test_a_gateway_may_leave_out_frames(every: int, tmp_path: Path) -> None:
+    original = [message(0.01 * k, k) for k in range(0, 300)]
+    log = opened(tmp_path / "drive.blf", [*original, *(message(0.01 * k + 0.007, k, channel=1) for k in range(0, 300, every))])
+    assert fates(log) == {Fate.USED: 300, Fate.COPY: 300 // every}
+    assert "7 ms later" in findings(log)[0]
+
+
+def test_copies_of_data_that_repeat_need_a_choice(tmp_path: Path) -> None:
+    """Data of a counter from 0 to 3 are 12 ms late or 28 ms early."""
+    messages = [message(0.01 * k + 0.012 * channel, k % 4, channel=channel) for k in range(200) for channel in (0, 1)]
+    log = opened(tmp_path / "drive.blf", messages)
+    assert fates(log) == {Fate.CONFLICT: 400}
+    what, remedy = log.allotment.conflicts[0x100, False]
+    assert what.endswith("have the same data, and which of them are the copies cannot be determined")
+    assert remedy.startswith("choose a bus with `channel='1' or '2'`")
+    of_bus = [
+        message(0.01 * k + 0.0002 * (k % 3 - 1) * channel, k % 4, channel=channel) for k in range(200) for channel in (0, 1)
+    ]
+    assert fates(opened(tmp_path / "one.blf", of_bus)) == {Fate.USED: 200, Fate.COPY: 200}
+
+
+def test_data_that_stay_are_no_copy_of_data_that_change(tmp_path: Path) -> None:
+    """A gateway that lost its source repeats the last value; for most of the time the original has it too."""
+    messages = [message(0.01 * k, max(k - 900, 0)) for k in range(1000)] + [message(0.01 * k, 0, channel=1) for k in range(999)]
+    assert fates(opened(tmp_path / "drive.blf", messages)) == {Fate.CONFLICT: 1999}
+    same = [message(0.01 * k + 0.003 * channel, 5, channel=channel) for k in range(50) for channel in (0, 1)]
+    assert fates(opened(tmp_path / "same.blf", same)) == {Fate.USED: 50, Fate.COPY: 50}
+
+
 def test_a_node_that_hears_itself_is_plain(tmp_path: Path) -> None:
     messages = [message(0.01 * k + (0.001 if heard else 0.0), k, is_rx=heard) for k in range(50) for heard in (False, True)]
     log = opened(tmp_path / "drive.blf", messages)
@@ -161,7 +203,7 @@ def test_two_logs_of_different_bases_in_one_are_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "text", "words"),
     [
-        ("drive.asc", "0,500 1 100 Rx d 1 10\n", "line 1: a frame has an invalid time, 0,500"),
+        ("drive.asc", "0,500 1 100 Rx d 1 10\n", "line 1: a frame has an invalid time, 0,500; export it with decimal points"),
         ("drive.asc", ";$FILEVERSION=1.1\n 1) 0.5 Rx 0100 1 10\n", r"no line is an event \(first: line 1: ;\$FILEVERSION"),
         ("drive.asc", "\ufeff0.5 1 100 Rx d 1 10\n".encode("utf-16-le"), "it is in UTF-16"),
         ("drive.log", " (0.5)  can0  100   [2]  11`22\n", "its bytes are swapped; log without -S"),
@@ -205,6 +247,22 @@ def test_differences_in_a_candump_are_added_up(view: bool, tmp_path: Path) -> No
     frames, account = read_frames(tmp_path / "drive.log")
     np.testing.assert_allclose(frames.time, np.cumsum(steps))
     assert account.clock == "time from the frame before"
+
+
+@pytest.mark.parametrize(
+    ("stamps", "are_added"),
+    [
+        ([0.0, 0.01, 0.01], True),
+        ([0.0, 0.01, 0.009, 0.011, 0.01], True),
+        ([0.0, 0.01, 0.02, 0.02], False),
+        ([0.0, 0.01, 0.009, 0.02, 0.019, 0.03], False),
+        ([5.0, 0.01, 0.01], False),
+    ],
+)
+def test_differences_of_few_frames_begin_with_zero(stamps: list[float], are_added: bool, tmp_path: Path) -> None:
+    text = "".join(f"({stamp:010.6f}) can{k % 2} 100#00\n" for k, stamp in enumerate(stamps))
+    (tmp_path / "drive.log").write_text(text, encoding="ascii")
+    np.testing.assert_allclose(read_frames(tmp_path / "drive.log")[0].time, np.cumsum(stamps) if are_added else stamps)
 
 
 def test_frames_out_of_order_are_no_differences(tmp_path: Path) -> None:

@@ -72,10 +72,18 @@ def test_values_that_an_attribute_cannot_have_are_left_out(tmp_path: Path) -> No
     assert len(found.database.messages) == 2
 
 
+BYTE_ORDER = "its byte order is {}; write 0 (Motorola) or 1 (Intel) behind the @"
+
+
 @pytest.mark.parametrize(
     ("lines", "reasons"),
     [
         ([' SG_ Speed : 0|16@1+ (0,0) [0|0] "km/h" A'], {1: "its factor is 0"}),
+        ([' SG_ Speed : 0|16@2+ (1,0) [0|0] "km/h" A'], {1: BYTE_ORDER.format(2)}),
+        ([' SG_ Speed : 0|16@-1+ (1,0) [0|0] "km/h" A'], {1: BYTE_ORDER.format(-1)}),
+        ([' SG_ Speed : 0|16@1+ (1e999,0) [0|0] "km/h" A'], {1: "its factor is 1e999; give a finite number"}),
+        ([' SG_ Speed : 0|16@1+ (nan,0) [0|0] "km/h" A'], {1: "its factor is nan; give a finite number"}),
+        ([' SG_ Speed : 0|16@1+ (1,-inf) [0|0] "km/h" A'], {1: "its offset is -inf; give a finite number"}),
         ([' SG_ Speed : 0|16@1+ (0,01,0) [0|0] "km/h" A'], {1: "it breaks the grammar of a DBC"}),
         (
             [' SG_ Speed : 0|16@1+ (1,0) [0|0] "km/h" A', ' SG_ Speed : 0|16@1+ (2,0) [0|0] "km/h" A'],

@@ -18,13 +18,13 @@ from codegen.ecu_map.extend import extend
 from codegen.ecu_map.model_excess import model_excess
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.folder import Folder
+from codegen.judgement.build_warnings import excess_warning
 from codegen.map_file.bounds import Binding
 from codegen.map_file.map import ReferenceMap, load
 from codegen.optimum import ipopt
 from codegen.optimum.nonlinear import ABOVE, NonlinearTurns, slip_use
 from codegen.optimum.problem import breakpoints
 from codegen.optimum.solve import solve_case
-from codegen.plausibility.build import excess_warning
 from codegen.vehicle.dynamics import PLANT_INPUTS, PLANT_OUTPUTS, PLANT_STATES, single_track, two_track
 from codegen.vehicle.tyre import AxleTyres
 from hil_sim.suite.cars import DEVELOPMENT_SEED, random_cars

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from codegen.report import style
+from codegen.figures.draw import style
 
 UNITS = ("km/h", "deg", "deg/s", "kN", "m/s²", "g", "s", "Hz", "dB", "%", "m")
 
@@ -31,7 +31,7 @@ def check_layout(figure: Figure, *, shared_labels: bool = False) -> None:
 
     With `shared_labels`, panels in a row or a column may share the label of one of them.
     """
-    with style.style():  # as the figure is saved
+    with style():  # as the figure is saved
         figure.draw_without_rendering()
         renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
         outer = [*figure.legends, *(text for text in figure.texts if text.get_text())]
@@ -67,8 +67,8 @@ def line_of(axes: Axes, label: str) -> Any:
 
 
 def unpacked(packed: Any) -> np.ndarray:
-    """Return the array as Plotly would decode it."""
-    if isinstance(packed, list):
+    """Return an array of a chart, or of its JSON as Plotly would decode it."""
+    if isinstance(packed, (list, np.ndarray)):
         return np.array(packed, dtype=float)
     values = np.frombuffer(base64.b64decode(packed["bdata"]), dtype={"f4": "<f4", "u1": "u1"}[packed["dtype"]])
     return values.reshape([int(size) for size in packed["shape"].split(",")]) if "shape" in packed else values

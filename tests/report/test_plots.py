@@ -14,14 +14,18 @@ from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 from scipy.interpolate import RegularGridInterpolator
 
+from codegen.figures import curves, runs, scenarios
+from codegen.figures import maps as map_charts
+from codegen.figures.data import MUTED, VERMILION, PlotError
+from codegen.figures.draw import COLOURS, draw, new_figure, save, to_bytes
 from codegen.map_file.bounds import Binding, binding_text
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.nonlinear import slip_use
 from codegen.optimum.solve import solve_case
-from codegen.report import map_difference, map_plots, paper, run_plots, scenario_plots, style, tyre_plots
-from codegen.report.html.curves import tyre_charts
+from codegen.report import map_difference, paper
 from codegen.sil.software import RECORD_COLUMNS
 from codegen.vehicle.tyre import AxleTyres
 from hil_sim.scenarios import find
@@ -82,13 +86,13 @@ def ramp_runs() -> Runs:
 
 def sweep_runs() -> Runs:
     """Return yaw rates that lag by 0.15 s and 0.3 s, and a third car that spins."""
-    runs = {}
+    made = {}
     for name, lag in (("controlled", 0.15), ("passive", 0.3)):
         run = driven("sine-sweep")
         for row in range(1, len(run)):
             run[row, 3] = run[row - 1, 3] + (5.0 * run[row - 1, 2] - run[row - 1, 3]) * 0.01 / lag
-        runs[name] = run
-    return {**runs, "other": driven("sine-sweep", sideslip_rad=0.2, slip_rear_rad=0.2)}
+        made[name] = run
+    return {**made, "other": driven("sine-sweep", sideslip_rad=0.2, slip_rear_rad=0.2)}
 
 
 def dwell_runs() -> Runs:
@@ -105,21 +109,26 @@ def with_status() -> Any:
 
 
 def difference(one: ReferenceMap, other: ReferenceMap) -> Figure:
-    return map_difference.map_difference_figure((one, other), (slip_use(one), slip_use(other)), ("a" * 63, "$b_1$"))
+    uses = slip_use(one), slip_use(other)
+    return draw(map_difference.map_difference_picture((one, other), uses, ("a" * 63, "$b_1$")))
 
 
-def scenario(name: str, runs: Runs, *texts: str) -> Figure:
-    return scenario_plots.scenario_figure(find(name), CONFIG, runs, *texts)
+def run_figure(records: Runs, title: str) -> Figure:
+    return draw(runs.run_picture(runs.run_chart(records, None, title), title))
+
+
+def scenario(name: str, records: Runs, *texts: str) -> Figure:
+    return draw(scenarios.scenario_picture(find(name), CONFIG, records, *texts))
 
 
 FIGURES: dict[str, Callable[[Maps], Figure]] = {
-    "map": lambda maps: map_plots.map_figure(maps["4ws-2"], "4ws2.npz"),
+    "map": lambda maps: draw(map_charts.map_picture(maps["4ws-2"], "4ws2.npz")),
     "difference": lambda maps: difference(maps["4ws-2"], maps["fws"]),
-    "three-maps": map_plots.three_maps_figure,
-    "cut": lambda maps: map_plots.front_angle_cut_figure(maps, FOUR_DEGREES),
-    "tyre": lambda maps: tyre_plots.tyre_figure(CONFIG),
-    "run-status": lambda maps: run_plots.run_figure({"C1": with_status(), "passive": made_run(status=2.0)}, "Faults"),
-    "overview": lambda maps: paper.overview_figure(maps["4ws-2"], RUNS, "map"),
+    "three-maps": lambda maps: draw(map_charts.three_maps_picture(maps)),
+    "cut": lambda maps: draw(map_charts.front_angle_cut_picture(maps, FOUR_DEGREES)),
+    "tyre": lambda maps: draw(curves.tyre_picture(CONFIG)),
+    "run-status": lambda maps: run_figure({"C1": with_status(), "passive": made_run(status=2.0)}, "Faults"),
+    "overview": lambda maps: draw(paper.overview_picture(maps["4ws-2"], RUNS, "map", 2.0)),
     "ramp-steer": lambda maps: scenario("ramp-steer", ramp_runs(), "4ws2"),
     "sine-sweep": lambda maps: scenario("sine-sweep", sweep_runs(), "4ws2"),
     "sine-with-dwell": lambda maps: scenario("sine-with-dwell", dwell_runs(), "4ws2"),
@@ -141,12 +150,15 @@ def test_layout_and_units(name: str, maps: Maps) -> None:
 
 def test_a_map_figure_shows_the_tables_in_degrees(maps: Maps) -> None:
     solved = maps["4ws-2"]
-    figure = map_plots.map_figure(solved, "map")
+    figure = draw(map_charts.map_picture(solved, "map"))
     for title, table in (("Yaw rate", "yaw_rate"), ("Sideslip", "sideslip"), ("Rear angle", "rear_angle")):
         drawn, expected = mesh(panel(figure, title)), np.degrees(getattr(solved, table)).T  # front angle upward
         assert np.array_equal(drawn.get_array().filled(np.nan), expected, equal_nan=True)
         if table != "yaw_rate":  # diverging colours are centred at zero
             assert drawn.norm.vmax == -drawn.norm.vmin == pytest.approx(np.nanmax(np.abs(expected)))
+    acceleration = np.where(solved.feasible, solved.speed[:, np.newaxis] * solved.yaw_rate, np.nan).T
+    shown = mesh(panel(figure, "Lateral acceleration")).get_array().filled(np.nan)
+    assert np.array_equal(shown, acceleration, equal_nan=True)
     axes = panel(figure, "Yaw rate")
     # Half a cell of 5 km/h and of 0.5 deg around 20 to 120 km/h and 0.5 to 10 deg.
     assert axes.get_xlim() == pytest.approx((17.5, 122.5))
@@ -164,13 +176,14 @@ def test_a_difference_shows_the_yaw_rate_gained_and_the_worse_axle(maps: Maps) -
     shown = mesh(panel(figure, "Slip used, first")).get_array().compressed()
     assert np.array_equal(shown, np.fmax(used.front, used.rear).T[one.feasible.T])
     assert [(where == kind).sum() for kind in range(3)] == [np.isfinite(gain).sum(), (one.feasible & ~other.feasible).sum(), 0]
-    assert names(figure) == ["both", "the first alone", INFEASIBLE, "slip meets its bound"]
+    assert names(figure) == ["slip meets its bound", "both", "the first alone", INFEASIBLE]
 
 
 def test_the_phase_line_is_where_the_rear_angle_is_zero(maps: Maps) -> None:
     solved = maps["4ws-2"]
-    figure = map_plots.map_figure(solved, "map")
-    speed, front_angle = panel(figure, "Rear angle").get_lines()[0].get_data()
+    figure = draw(map_charts.map_picture(solved, "map"))
+    speed, front_angle = panel(figure, "Rear angle").get_lines()[1].get_data()
+    speed, front_angle = speed[:-1], front_angle[:-1]  # the last is a gap
     # Only rounding remains: the line bends at cell edges, where linear interpolation gives the zero.
     rear_angle = RegularGridInterpolator((solved.speed, solved.front_angle), solved.rear_angle)
     at_line = rear_angle(np.column_stack([np.divide(speed, 3.6), np.radians(front_angle)]))
@@ -190,7 +203,7 @@ def test_the_phase_line_does_not_follow_the_grid_where_a_floor_holds_the_rear_an
         feasible=np.full(held.shape, True),
         active=np.where(held, Binding.FLOOR, 0).astype(solved.active.dtype),
     )
-    (piece,) = style.phase_lines(made)
+    (piece,) = map_charts.phase_lines(made)
     assert len(piece) > 10 and np.abs(piece[:, 0] - (60.0 - 2.0 * piece[:, 1])).max() < 1e-9
 
 
@@ -199,10 +212,11 @@ def test_each_set_of_binding_constraints_has_the_colour_of_its_name(maps: Maps) 
     active = solved.active.copy()
     # Two sets that the map lacks; the second has no separate colour.
     active[0, 0], active[1, 0] = Binding.SIDESLIP, Binding.SIDESLIP | Binding.REAR_ANGLE
-    figure = map_plots.map_figure(replace(solved, active=active), "map")
-    legend = next(one for one in figure.legends if "none" in [text.get_text() for text in one.get_texts()])
-    patches = zip(legend.get_texts(), legend.get_patches(), strict=True)
-    colours = {text.get_text(): patch.get_facecolor() for text, patch in patches}
+    figure = draw(map_charts.map_picture(replace(solved, active=active), "map"))
+    (legend,) = figure.legends
+    entries = zip(legend.get_texts(), legend.legend_handles, strict=True)
+    colours = {text.get_text(): entry.get_facecolor() for text, entry in entries if isinstance(entry, Patch)}
+    del colours[INFEASIBLE]
     sets = {binding_text(int(flags)): flags for flags in np.unique(active[solved.feasible])}
     assert colours.keys() == sets.keys()
     assert len(set(colours.values())) == len(sets) >= 5
@@ -213,7 +227,7 @@ def test_each_set_of_binding_constraints_has_the_colour_of_its_name(maps: Maps) 
 
 
 def test_a_cut_shows_the_values_of_the_maps(maps: Maps) -> None:
-    figure = map_plots.front_angle_cut_figure({case.upper(): one for case, one in maps.items()}, FOUR_DEGREES)
+    figure = draw(map_charts.front_angle_cut_picture({case.upper(): one for case, one in maps.items()}, FOUR_DEGREES))
     assert names(figure)[:3] == ["FWS", "4WS-1", "4WS-2"]
     for case, one in maps.items():
         for axes, table in zip(figure.axes, (one.yaw_rate, one.sideslip), strict=True):
@@ -222,7 +236,7 @@ def test_a_cut_shows_the_values_of_the_maps(maps: Maps) -> None:
             # Equal, NaN where infeasible: 4 deg is breakpoint 7, so nothing is interpolated.
             assert np.array_equal(line.get_ydata(), np.degrees(table[:, 7]), equal_nan=True)
     one = maps["4ws-2"]
-    line = line_of(map_plots.front_angle_cut_figure({"mine": one}, math.radians(4.1)).axes[0], "mine")
+    line = line_of(draw(map_charts.front_angle_cut_picture({"mine": one}, math.radians(4.1))).axes[0], "mine")
     expected = np.degrees(0.8 * one.yaw_rate[:, 7] + 0.2 * one.yaw_rate[:, 8])
     assert np.allclose(line.get_ydata(), expected, rtol=1e-9, equal_nan=True)
 
@@ -230,9 +244,9 @@ def test_a_cut_shows_the_values_of_the_maps(maps: Maps) -> None:
 def test_tyre_curves_tangent_and_linear_range() -> None:
     tyres = AxleTyres.from_config(CONFIG)
     bounds = (tyres.front_slip_bound, tyres.rear_slip_bound)
-    for axes, tyre, bound in zip(tyre_plots.tyre_figure(CONFIG).axes, (tyres.front, tyres.rear), bounds, strict=True):
-        *curves, tangent, dot = axes.get_lines()
-        for curve, share in zip(curves, tyre_plots.LOAD_SHARES, strict=True):
+    for axes, tyre, bound in zip(draw(curves.tyre_picture(CONFIG)).axes, (tyres.front, tyres.rear), bounds, strict=True):
+        *drawn, tangent, dot = axes.get_lines()
+        for curve, share in zip(drawn, curves.LOAD_SHARES, strict=True):
             slip, force = curve.get_data()
             assert np.allclose(force, tyre.force(np.radians(slip), share * tyre.static_load) / 1e3, rtol=1e-12)
         slope = 1e3 * np.ptp(tangent.get_ydata()) / np.radians(np.ptp(tangent.get_xdata()))
@@ -248,45 +262,47 @@ def test_a_tyre_figure_shows_the_use_of_grip_where_that_bounds() -> None:
     changes = {"limits.grip_use_max": 0.95, "limits.slip_departure_percent": 50.0, "tyre.front.shape_factor_c": 1.0}
     config = CONFIG.replace({**changes, "tyre.front.curvature_factor_e": 0.5})
     tyres = AxleTyres.from_config(config)
-    figure = tyre_plots.tyre_figure(config)
+    figure = draw(curves.tyre_picture(config))
     for axes, tyre in zip(figure.axes, (tyres.front, tyres.rear), strict=True):
         slip, force = (values[0] for values in axes.get_lines()[-1].get_data())
         largest = tyre.force(np.linspace(0.0, math.radians(45.0), 100_001)).max()
         assert 1e3 * force == pytest.approx(0.95 * largest, rel=1e-6) and slip < axes.get_xlim()[1] <= 45.0
     words = {text.get_text() for text in figure.legends[0].get_texts()}
-    assert "95 % of the largest force (nonlinear tyre)" in words
-    captions = [chart.caption for chart in tyre_charts(config).charts]
+    assert "slip limit: 95 % of the largest force (nonlinear tyre)" in words
+    captions = [chart.caption for chart in curves.tyre_charts(config)]
     assert all("95 % of the largest force" in caption for caption in captions)
 
 
 def dashed(axes: Axes) -> list[Any]:
-    return [line for line in axes.get_lines() if line.get_label() == "_"]
+    """Return the lines of references and commands."""
+    return [line for line in axes.get_lines() if line.get_label().endswith((", reference", ", command"))]
 
 
 def test_a_run_shows_its_columns_with_dashed_reference_and_command() -> None:
-    figure = run_plots.run_figure(RUNS, "Step steer")
-    columns = ("yaw_rate_rad_s", "lateral_acceleration_m_s2", "sideslip_rad", "rear_angle_rad", "front_angle_rad")
+    figure = run_figure(RUNS, "Step steer")
+    slips = ("slip_front_rad", "slip_rear_rad")
+    columns = ("yaw_rate_rad_s", "lateral_acceleration_m_s2", "sideslip_rad", "rear_angle_rad", *slips, "front_angle_rad")
     dashes = {"yaw_rate_rad_s": "yaw_rate_reference_rad_s", "rear_angle_rad": "rear_angle_command_rad"}
     for axes, name in zip(figure.axes, columns, strict=True):
-        line, others = line_of(axes, style.RUN_NAMES["C1"]), dashed(axes)
-        assert line.get_color() == style.VERMILION
-        assert [one.get_color() for one in others] == ([style.VERMILION, style.GREY] if name in dashes else [])
+        line, others = line_of(axes, runs.RUN_NAMES["C1"]), dashed(axes)
+        assert line.get_color() == VERMILION
+        assert [one.get_color() for one in others] == ([VERMILION, COLOURS[MUTED]] if name in dashes else [])
         drawn = [(line, "C1", name), *((one, run, dashes[name]) for one, run in zip(others, ("C1", "C2"), strict=False))]
         for one, run, column in drawn:
             expected = np.interp(one.get_xdata(), TIME, RUNS[run][:, RECORD_COLUMNS.index(column)])
             wanted = expected if name.endswith("m_s2") else np.degrees(expected)
             assert np.allclose(one.get_ydata(), wanted, rtol=1e-9, atol=1e-12)
-    assert names(figure) == [style.RUN_NAMES["C1"], style.RUN_NAMES["C2"], "passive car", "reference, command"]
+    assert names(figure) == [runs.RUN_NAMES["C1"], runs.RUN_NAMES["C2"], "passive car", "reference, command"]
 
 
 def test_an_abnormal_status_is_shown_for_its_duration() -> None:
-    figure = run_plots.run_figure({"C1": with_status(), "passive": made_run(status=2.0)}, "Faults")
+    figure = run_figure({"C1": with_status(), "passive": made_run(status=2.0)}, "Faults")
     strip = figure.axes[-1]
     assert strip.get_ylabel() == "Status"
     assert [label.get_text() for label in strip.get_yticklabels()] == ["C1"]  # a passive car has no controller
     boxes = {tuple(bar.get_facecolor()[0]): bar.get_paths()[0].get_extents() for bar in strip.collections}
     for status, span in {"LIMITED": (2.5, 3.0), "DEGRADED": (3.0, 4.0), "FAIL_SAFE": (4.0, 4.2)}.items():
-        box = boxes[to_rgba(run_plots.STATUS_COLOURS[status])]
+        box = boxes[to_rgba(runs.STATUS_COLOURS[status])]
         assert (box.x0, box.x1) == pytest.approx(span), status
     assert {"limited", "degraded", "fail-safe"} <= set(names(figure))
     assert "standby" not in names(figure)  # it ends before the shown time
@@ -302,7 +318,7 @@ def test_sine_with_dwell_marks_the_times_of_the_standard_and_the_spin() -> None:
     # The beginning is when the wheel reaches 5 deg, 16 ms after its start; the end is accurate to 2 ms.
     expected = {"begin": 1.016, "+1.07 s": 2.086, "end": end, "+1 s": end + 1.0, "+1.75 s": end + 1.75}
     assert marks == pytest.approx(expected, abs=2e-3)
-    for axes in figure.axes[:5]:
+    for axes in figure.axes[:7]:
         drawn = {line.get_xdata()[0] for line in axes.get_lines() if len(line.get_xdata()) == 2 and line.get_linewidth() < 1.0}
         assert sorted(drawn) == pytest.approx(sorted(expected.values()), abs=2e-3)
         assert line_of(axes, "pi").get_xdata()[-1] == pytest.approx(3.0)
@@ -342,7 +358,7 @@ def test_front_angle_over_lateral_acceleration() -> None:
     fitted = [line for line in top.get_lines() if line.get_marker() == "|"]
     slopes = [float(np.ptp(line.get_ydata()) / np.ptp(line.get_xdata())) for line in fitted]
     assert slopes == pytest.approx([np.degrees(0.04 / 6.0), np.degrees(0.05 / 6.0)])
-    neutral = line_of(top, "neutral car, slope $L/v^2$")
+    neutral = line_of(top, "neutral car, slope L/v²")
     assert np.ptp(neutral.get_ydata()) / 6.0 == pytest.approx(np.degrees(3.14 / (80.0 / 3.6) ** 2))
     assert line_of(sideslip, "pi").get_ydata()[-1] == pytest.approx(np.degrees(-0.3 * 0.04))
     assert not line_of(rear, "pi").get_ydata().any()
@@ -350,36 +366,36 @@ def test_front_angle_over_lateral_acceleration() -> None:
 
 def test_the_overview_shows_map_and_runs(maps: Maps) -> None:
     one = maps["4ws-2"]
-    figure = paper.overview_figure(one, RUNS, "map")
+    figure = draw(paper.overview_picture(one, RUNS, "map", 0.0))
     figure.draw_without_rendering()
     assert mesh(figure.axes[0]).get_array().compressed() == pytest.approx(np.degrees(one.yaw_rate.T[one.feasible.T]))
     assert any("43.2 km/h, 6.7 deg" in name for name in names(figure))
     panels = {axes.get_ylabel().partition("\n")[0]: axes for axes in figure.axes}
     assert len(panels["Yaw rate"].get_lines()) == 5  # three runs, two references
-    for label, column in (("Lateral acc.", "lateral_acceleration_m_s2"), ("Sideslip", "sideslip_rad")):
-        line = line_of(panels[label], style.RUN_NAMES["C1"])
+    for label, column in (("Lateral acc.", "lateral_acceleration_m_s2"), ("Sideslip β", "sideslip_rad")):
+        line = line_of(panels[label], runs.RUN_NAMES["C1"])
         expected = np.interp(line.get_xdata(), TIME, RUNS["C1"][:, RECORD_COLUMNS.index(column)])
         assert np.allclose(line.get_ydata(), expected if column.endswith("m_s2") else np.degrees(expected), rtol=1e-9)
 
 
 def test_messages_for_input_that_cannot_be_drawn(maps: Maps) -> None:
-    for expected, draw in (
-        (r"run mine: shape \(5, 11\).*\(samples, 12\)", lambda: run_plots.run_figure({"mine": np.zeros((5, 11))}, "x")),
-        ("no runs", lambda: run_plots.run_figure({}, "x")),
-        ("front angles; choose 0\\.5 to 10 deg", lambda: map_plots.front_angle_cut_figure(maps, math.radians(10.1))),
+    for expected, make in (
+        (r"run mine: shape \(5, 11\).*\(samples, 12\)", lambda: run_figure({"mine": np.zeros((5, 11))}, "x")),
+        ("no runs", lambda: run_figure({}, "x")),
+        ("front angles; choose 0\\.5 to 10 deg", lambda: map_charts.front_angle_cut_picture(maps, math.radians(10.1))),
     ):
-        with pytest.raises(style.PlotError, match=expected):
-            draw()
+        with pytest.raises(PlotError, match=expected):
+            make()
 
 
 def test_save_replaces_a_file_by_the_same_bytes_each_time(tmp_path: Path) -> None:
-    figure, path = style.new_figure(1.0, 1.0), tmp_path / "map.PNG"
-    with pytest.raises(style.PlotError, match=r"only PNG .*; name it .*\.png$"):
-        style.save(figure, tmp_path / "map.pdf")
+    figure, path = new_figure(1.0, 1.0), tmp_path / "map.PNG"
+    with pytest.raises(PlotError, match=r"only PNG and SVG .*; name it .*\.png$"):
+        save(figure, tmp_path / "map.pdf")
     path.write_bytes(b"old")
-    style.save(figure, path)
+    save(figure, path)
     first = path.read_bytes()
     with matplotlib.rc_context({"font.size": 20.0, "figure.dpi": 50.0, "savefig.bbox": "tight"}):
-        assert style.to_png(figure) == first
+        assert to_bytes(figure) == first
     assert not [chunk for chunk in (b"tEXt", b"zTXt", b"iTXt", b"tIME") if chunk in first[:100]]  # neither a date nor a version
     assert os.listdir(tmp_path) == ["map.PNG"]

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from codegen.report.reference_plots import references_figure
+from codegen.figures.draw import draw
+from codegen.figures.suites import references_picture
 from codegen.report.reference_tables import ROWS, beaten, reference_sections
 from hil_sim.suite.references import ReferencesResult
 from tests.optimum.cars import paper_map
@@ -60,11 +61,11 @@ def test_sections_and_picture() -> None:
     assert head.split() == [*result.suite.subjects[:-1], "envelope", "passive"] and len(rows) == len(ROWS)
     (feasible,) = [row.split() for row in rows if row.startswith("feasible")]
     assert feasible[-6:] == ["10.0", "20.0", "30.0", "40.0", "20.0", "50.0"]
-    figure = references_figure(result)
+    figure = draw(references_picture(result))
     above, below = figure.axes[:4], figure.axes[4:]
     assert [len(axes.get_lines()) for axes in above] == [2, 2, 2, 2]
     assert [len(axes.get_lines()) for axes in below] == [5, 5, 5, 5]
-    assert above[0].get_title(loc="left") == "The maps at $\\delta_f$ = 2 deg"
-    check_layout(figure)
+    assert above[0].get_title(loc="left") == "The maps at δ$_\\mathrm{f}$ = 2 deg"
+    check_layout(figure, shared_labels=True)
     (line,) = [line for line in below[0].get_lines() if line.get_color() == "#0072B2"]
     np.testing.assert_array_equal(np.asarray(line.get_ydata()), 2.0)

@@ -9,7 +9,7 @@ import pytest
 
 from codegen.configuration.can import Can
 from codegen.configuration.e2e_profiles import PROFILES, DataId, Profile, ProfileName, shared_counters
-from codegen.plausibility.car import car_warnings
+from codegen.judgement.car_warnings import car_warnings
 from codegen.verify.traffic import closed_loop
 from hil_sim.codec import Codec, RearSteerCommand
 from hil_sim.e2e import E2eState, E2eStatus, Receiver, Supervision, protect

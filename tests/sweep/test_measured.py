@@ -14,6 +14,7 @@ import pytest
 
 from codegen import configuration
 from codegen.configuration import Config
+from codegen.design.tune import with_tracking
 from codegen.errors import ConfigError
 from codegen.importing.toml_edit import whole
 from codegen.sil.batch import DIFFERENCE_MAX_FLIPPED
@@ -25,7 +26,6 @@ from codegen.sweep.chunk import replay, run_chunk
 from codegen.sweep.engine import Threads, run_campaign
 from codegen.sweep.lanes import draw_samples
 from codegen.sweep.plan import Plan
-from codegen.tuning.tune import with_tracking
 from codegen.vehicle.plant_car import PLANT_PARAMETERS
 from tests import builds
 from tests.sweep.conftest import ROOT

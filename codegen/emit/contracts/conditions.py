@@ -8,7 +8,7 @@ from typing import Any
 from codegen.configuration.can import RealSignal
 from codegen.emit.can_view import CanView, Frame, TaskView
 from codegen.emit.constants import Constant
-from codegen.emit.contracts.contract import Argument, Claim, Role, Unit
+from codegen.emit.contracts.contract import Argument, Bound, Claim, Role, Unit
 from codegen.emit.controller_view import ControllerView
 from codegen.emit.dynamics_view import ReferenceModelView
 from codegen.emit.inputs_view import FRICTION_UNKNOWN, InputsView
@@ -62,13 +62,16 @@ class Conditions:
         """Return a number as a literal in the precision of the build."""
         return literal(value, self.precision)
 
-    def within(self, expression: str, limit: float | str) -> str:
+    def within(self, expression: str, limit: float | str) -> Bound:
         """Return the condition that a number is within +-limit."""
-        return f"lies_within({expression}, {limit if isinstance(limit, str) else self.number(limit)})"
+        return Bound(f"lies_within({expression}, {self._text(limit)})", expression)
 
-    def between(self, expression: str, low: float, high: float) -> str:
+    def between(self, expression: str, low: float, high: float | str) -> Bound:
         """Return the condition that a number is between two others."""
-        return f"lies_between({expression}, {self.number(low)}, {self.number(high)})"
+        return Bound(f"lies_between({expression}, {self.number(low)}, {self._text(high)})", expression)
+
+    def _text(self, value: float | str) -> str:
+        return value if isinstance(value, str) else self.number(value)
 
     def high(self, name: str) -> str:
         """Return the upper bound of a parameter of the inputs."""

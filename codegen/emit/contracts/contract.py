@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Self
 
 Role = Literal["value", "in", "out", "new", "state", "parameter", "bytes in", "bytes out"]
 """Use of an argument.
@@ -25,6 +25,23 @@ class Claim:
     def of_objects(self) -> str:
         """The condition where arguments are objects instead of pointers."""
         return self.condition.replace("->", ".")
+
+
+class Bound(str):
+    """A condition that a number is in a range.
+
+    Attributes:
+        number: C expression of the number.
+    """
+
+    __slots__ = ("number",)
+    number: str
+
+    def __new__(cls, condition: str, number: str) -> Self:
+        """Return the condition with its number."""
+        made = super().__new__(cls, condition)
+        made.number = number
+        return made
 
 
 @dataclass(frozen=True)

@@ -106,7 +106,7 @@ class Invariants(Conditions):
     def _inputs(self) -> Invariant:
         yaw, twice = self.high("yaw_rate_max"), f"({self.number(2.0)} * {self.high('yaw_rate_max')})"
         signals = {"speed": self.high("speed_max"), "front_angle": self.high("front_angle_max"), "yaw_rate": yaw}
-        claims = [self.within(f"value->{name}.value", each) for name, each in signals.items()]
+        claims: list[str] = [self.within(f"value->{name}.value", each) for name, each in signals.items()]
         claims += [self.is_code(f"value->{name}.source", 2) for name in signals]
         claims += [f"(value->{name}.missing <= {MISSING_SAMPLES_MAX + 1}u)" for name in signals]
         claims += [
@@ -116,7 +116,7 @@ class Invariants(Conditions):
         claims += [f"({frozen} || (value->front_angle.good <= {RECOVERY_SAMPLES_MAX}u))"]
         claims += [f"(value->yaw_rate.good <= {RECOVERY_SAMPLES_MAX}u)"]
         claims += [self.within(f"value->{name}", yaw) for name in ("expected_yaw_rate", "beyond_linear")]
-        claims += [f"lies_between(value->{name}, {self.number(0.0)}, {twice})" for name in ("least", "least_of_front")]
+        claims += [self.between(f"value->{name}", 0.0, twice) for name in ("least", "least_of_front")]
         offsets = ("yaw_rate_offset", "lateral_acceleration_offset")
         claims += [self.within(f"value->{name}", self.high(f"{name}_max")) for name in offsets]
         claims += [self.between("value->friction", 0.0, FRICTION_UNKNOWN)]

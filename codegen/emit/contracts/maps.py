@@ -67,7 +67,11 @@ class MapUnits(Conditions):
     def _map_valid(self) -> Unit:
         own, view = self.own, self.map
         inside = f"(any_row < (uint32_t){view.speed.points}) && (any_column < (uint32_t){view.front_angle.points})"
-        checks = ["are_between", "are_increasing", *(["are_even"] if view.speed.even or view.front_angle.even else [])]
+        checks = [
+            "are_between",
+            "are_increasing",
+            *(["are_even"] if view.speed.axis.even or view.front_angle.axis.even else []),
+        ]
         return Unit(
             own("map_valid"),
             own("map"),

@@ -6,14 +6,13 @@ a state before the call, `<argument>_before`; `->` leads from an argument to its
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from codegen.emit.contracts.chain import ChainUnits
 from codegen.emit.contracts.conditions import Conditions
-from codegen.emit.contracts.contract import Argument, Invariant, Lemma, Unit
+from codegen.emit.contracts.contract import Argument, Bound, Invariant, Lemma, Unit
 from codegen.emit.contracts.control import ControlUnits
 from codegen.emit.contracts.frames import FrameUnits
 from codegen.emit.contracts.invariants import Invariants
@@ -28,8 +27,8 @@ PLACES: Mapping[str, str] = {
     "limiter_t": "limiter.",
 }
 """Struct -> path to it in the state of the controller."""
-BOUNDED = re.compile(r"\blies_(?:within|between)\(value->([\w.]+),")
-REWRITTEN_FIRST = re.compile(r"sample\.|yaw_rate_reference$|limiter\.(speed|front_angle)$")
+REWRITTEN_FIRST = ("yaw_rate_reference", "limiter.speed", "limiter.front_angle")
+"""Numbers that a step writes before it reads them, besides those of the sample."""
 
 
 @dataclass(frozen=True)
@@ -44,13 +43,13 @@ class Contracts:
     def numbers(self) -> tuple[str, ...]:
         """Paths of the real numbers with a bound in the state of the controller, but for those that a step writes first."""
         found = (
-            f"{PLACES[struct]}{name}"
+            f"{PLACES[struct]}{condition.number.removeprefix('value->')}"
             for ctype, invariant in self.invariants.items()
             if (struct := ctype.partition("_")[2]) in PLACES
             for condition in invariant.claims
-            for name in BOUNDED.findall(condition)
+            if isinstance(condition, Bound)
         )
-        return tuple(name for name in dict.fromkeys(found) if not REWRITTEN_FIRST.match(name))
+        return tuple(name for name in found if not (name.startswith("sample.") or name in REWRITTEN_FIRST))
 
     def of(self, function: str) -> Unit:
         """Return the contract of a function."""

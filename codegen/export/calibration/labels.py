@@ -12,7 +12,7 @@ import numpy as np
 
 from codegen.errors import CodegenError, suggestion
 from codegen.export.calibration.layout import CalibrationObject, Kind, Layout, Numbers, Values
-from codegen.files import decoded
+from codegen.files import decoded, refuse_utf16
 
 CALIBRATION_BYTES_MAX = 64 * 2**20
 READ_REMEDY = "give a DCM 2.0 or CDF 2.0 file that a calibration tool or codegen calibrate wrote"
@@ -175,6 +175,7 @@ def _plain(value: Any) -> str:
 
 def text_of(content: bytes, where: Path) -> str:
     """Return the text of a DCM file; see `decoded`. Raises CodegenError: a binary file."""
+    refuse_utf16(content, where)
     if b"\0" in content:
         raise CodegenError("not a text file", where=where, remedy=READ_REMEDY)
     return decoded(content)

@@ -14,7 +14,7 @@ from codegen.export.calibration import cdf, dcm
 from codegen.export.calibration.build import BuildCalibration
 from codegen.export.calibration.labels import CALIBRATION_BYTES_MAX, READ_REMEDY, python_numbers, values_of
 from codegen.export.calibration.layout import CalibrationObject, Layout, Values
-from codegen.files import read_file
+from codegen.files import read_file, refuse_empty
 from codegen.limits import Limits
 
 READERS = {".dcm": dcm, ".cdfx": cdf}
@@ -31,6 +31,7 @@ def read_set(path: Path, layout: Layout) -> Values:
             remedy="give a .dcm or .cdfx file, or an image with `image=`",
         )
     content = read_file(path, CALIBRATION_BYTES_MAX, READ_REMEDY)
+    refuse_empty(len(content), path)
     with Limits.of(len(content)).enforced(path):
         values = values_of(reader.read(content, path, f"{layout.prefix}."), layout)
     if not values:

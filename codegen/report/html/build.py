@@ -10,7 +10,7 @@ from codegen.configuration.budgets import KEY_OF_FUNCTION
 from codegen.emit.folder import VERIFICATION_FILES, read_manifest, verify_hashes
 from codegen.emit.limiter_view import cut_text
 from codegen.emit.manifest import read_build
-from codegen.plausibility.build import is_current, read_record
+from codegen.judgement.build_warnings import is_current, read_record
 from codegen.report.html.blocks import Block, Table, Text
 
 VERDICTS = {"passed": "good", "shown": "good", "failed": "bad"}

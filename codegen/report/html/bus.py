@@ -7,9 +7,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from codegen.arrays import FloatArray
-from codegen.report.html.blocks import Block, Chart, Gallery, Table, Text, axis, layout, numbers
+from codegen.figures.data import BLUE, GREEN, ORANGE, VERMILION, Chart, axis, layout, numbers
+from codegen.report.html.blocks import Block, Gallery, Table, Text
 from codegen.report.html.inputs import BusTimes
-from codegen.report.style import BLUE, GREEN, ORANGE, VERMILION
 
 COLOURS = (BLUE, ORANGE, VERMILION)
 BINS = 120

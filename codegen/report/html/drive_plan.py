@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from codegen.figures.data import BLUE, GREEN, MUTED, VERMILION, Chart, axis, layout, line
 from codegen.identify.candidates import Candidate
 from codegen.identify.drive_plan import DrivePlan
 from codegen.identify.identifiability import SHARE_MAX
 from codegen.identify.plan_output import DRIVE_HEADER, PREDICTED_HEADER, drive_rows, need_lines, predicted_rows
-from codegen.report.html.blocks import MUTED, Block, Chart, Gallery, Section, Table, Text, axis, layout, line
-from codegen.report.style import BLUE, GREEN, VERMILION
+from codegen.report.html.blocks import Block, Gallery, Section, Table, Text
 from codegen.units import DEGREE, KM_H
 
 

@@ -15,14 +15,15 @@ from codegen.configuration import Config
 from codegen.emit.laws import is_untuned
 from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError, within
+from codegen.figures.maps import NamedMap
+from codegen.figures.runs import is_passive
 from codegen.map_file import map as npz
 from codegen.map_file.map import ReferenceMap, choose_config
 from codegen.metrics.step import STEADY_WINDOW
 from codegen.report.bus_tables import fault_data
 from codegen.report.html.inputs import Files, read_files
-from codegen.report.html.maps import NamedMap
 from codegen.report.html.report import Material, to_compare
-from codegen.report.html.runs import HANDLING, RESPONSE, is_passive
+from codegen.report.html.runs import HANDLING, RESPONSE
 from codegen.sil.software import load
 from codegen.sweep.region import Region, confirm, region
 from hil_sim.bench import run, run_through_can

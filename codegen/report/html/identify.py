@@ -12,6 +12,7 @@ import numpy as np
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.errors import CodegenError
+from codegen.figures.data import BLUE, GREEN, MUTED, VERMILION, Chart, axis, layout, line, numbers, scale_of
 from codegen.identify.map_spread import map_spread
 from codegen.identify.model import OUTPUTS
 from codegen.identify.outcome import Outcome
@@ -33,8 +34,7 @@ from codegen.identify.summary import (
     whiteness_rows,
 )
 from codegen.identify.validation import Validation
-from codegen.report.html.blocks import MUTED, Block, Chart, Gallery, Section, Table, Text, axis, layout, line, numbers, scale_of
-from codegen.report.style import BLUE, GREEN, VERMILION
+from codegen.report.html.blocks import Block, Gallery, Section, Table, Text
 from codegen.units import DEGREE, KM_H
 from codegen.vehicle.population import BAND, COVERAGE, draw
 from codegen.vehicle.tyre import AxleTyres

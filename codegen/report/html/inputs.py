@@ -15,7 +15,7 @@ from codegen.arrays import FloatArray
 from codegen.configuration import Can
 from codegen.configuration.section import needed
 from codegen.errors import CodegenError, one_line
-from codegen.files import read_file, require_regular
+from codegen.files import distinct_names, read_file, refuse_empty, require_regular
 from codegen.importing import child
 from codegen.limits import Limits
 from codegen.logs.account import findings, open_bus_log
@@ -114,11 +114,11 @@ class Files:
 
 
 def named(argument: str) -> tuple[str, Path]:
-    """Split `NAME=FILE`; a file alone is named after itself, without the extension."""
+    """Split `NAME=FILE`; the name is "" for a file alone."""
     name, sign, path = argument.partition("=")
     if sign and name.strip() and path and not Path(argument).exists():
         return name.strip(), Path(path)
-    return Path(argument).stem, Path(argument)
+    return "", Path(argument)
 
 
 def read_files(arguments: Sequence[str], can: Can, channel: str | None = None) -> Files:
@@ -137,9 +137,11 @@ def read_files(arguments: Sequence[str], can: Can, channel: str | None = None) -
     logs: list[BusTimes] = []
     faults: Sequence[FaultEntry] | None = None
     notes: list[str] = []
-    for argument in arguments:
-        name, path = named(argument)
-        require_regular(path, RUN_BYTES_MAX, f"give {KINDS}")
+    given = [named(argument) for argument in arguments]
+    own = iter(distinct_names([path for name, path in given if not name]))
+    for name, path in given:
+        name = name or next(own)
+        refuse_empty(require_regular(path, RUN_BYTES_MAX, f"give {KINDS}"), path)
         if name in runs or name in {log.name for log in logs}:
             raise CodegenError(f"a second run called {name!r}", where=path, remedy=f"name it, as in `runs='other={path}'`")
         kind = path.suffix.lower()

@@ -15,7 +15,8 @@ from markupsafe import Markup
 
 from codegen import __version__
 from codegen.emit.render import templates_root
-from codegen.report.html.blocks import Chart, Cuts, Gallery, Section
+from codegen.figures.data import Chart, packed
+from codegen.report.html.blocks import Cuts, Gallery, Section
 from codegen.requirements import missing
 
 
@@ -100,4 +101,4 @@ def _data(sections: Sequence[Section]) -> str:
     """Return the data of the charts as JSON that ends no script element."""
     cuts = next((asdict(block)["data"] for section in sections for block in section.blocks if isinstance(block, Cuts)), None)
     data: dict[str, Any] = {"charts": {chart.name: chart.figure for chart in charts_of(sections)}, "cuts": cuts}
-    return json.dumps(data, allow_nan=False, separators=(",", ":"), ensure_ascii=True).replace("<", "\\u003c")
+    return json.dumps(data, default=packed, allow_nan=False, separators=(",", ":"), ensure_ascii=True).replace("<", "\\u003c")

@@ -20,38 +20,41 @@ from codegen.emit.evidence import margins_of, margins_text
 from codegen.emit.folder import verify_hashes
 from codegen.emit.manifest import read_build
 from codegen.errors import MapError
-from codegen.judgement.model import Stored, of_manifest, of_map
-from codegen.map_file.map import ReferenceMap
-from codegen.optimum.solve import solve_case
-from codegen.report.bus_tables import HEADER, FaultEntry, fault_cells
-from codegen.report.html import maps
-from codegen.report.html.blocks import (
-    Block,
+from codegen.figures.curves import front_angle_chart, slip_limit_text, tyre_charts
+from codegen.figures.data import (
+    BLUE,
+    FRONT_ANGLE,
+    GREEN,
+    ORANGE,
+    PURPLE,
+    SKY,
+    SPEED,
+    VERMILION,
     Chart,
-    Gallery,
-    Section,
-    Table,
-    Text,
     axis,
     cell_edges,
     layout,
     patches,
 )
-from codegen.report.html.build import manifest_blocks, verification_blocks
-from codegen.report.html.bus import bus_blocks
-from codegen.report.html.curves import front_angle_chart, tyre_charts
-from codegen.report.html.inputs import BusTimes
-from codegen.report.html.judgement import judgement_blocks
-from codegen.report.html.maps import (
-    FRONT_ANGLE,
-    SPEED,
+from codegen.figures.maps import (
     NamedMap,
     category_trace,
-    colour_limits,
-    heat_map,
-    loss_blocks,
-    map_layout,
+    heat_map_charts,
+    is_paper,
+    tyre_note,
 )
+from codegen.figures.paper_tables import PAPER_TABLE, RUNS, TABLE_FRONT_ANGLE_DEG, optimum_rows, optimum_table, run_table
+from codegen.judgement.model import Stored, of_manifest, of_map
+from codegen.map_file.map import ReferenceMap
+from codegen.optimum.solve import solve_case
+from codegen.report.bus_tables import HEADER, FaultEntry, fault_cells
+from codegen.report.html import maps
+from codegen.report.html.blocks import Block, Gallery, Section, Table, Text
+from codegen.report.html.build import manifest_blocks, verification_blocks
+from codegen.report.html.bus import bus_blocks
+from codegen.report.html.inputs import BusTimes
+from codegen.report.html.judgement import judgement_blocks
+from codegen.report.html.maps import loss_blocks
 from codegen.report.html.robust import margins_chart, region_blocks
 from codegen.report.html.runs import handling_blocks, run_blocks
 from codegen.report.html.verdict import verdict_blocks
@@ -60,46 +63,16 @@ from codegen.report.map_difference import (
     DIFFERENCE_HEADER,
     POINT_HEADER,
     caveats,
+    difference_charts,
     map_difference,
-    on_axes_of,
     same_car,
 )
-from codegen.report.map_plots import is_paper
-from codegen.report.paper_tables import PAPER_TABLE, RUNS, TABLE_FRONT_ANGLE_DEG, optimum_rows, optimum_table, run_table
-from codegen.report.style import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, YAW_RATE
-from codegen.report.summary import TYRE, map_summary, tyre_note
-from codegen.report.tyre_plots import slip_limit_text
+from codegen.report.summary import TYRE, map_summary
 from codegen.sweep.region import Region
 from codegen.units import KM_H
 from hil_sim.metrics import step_metrics
 from hil_sim.metrics.run import LookUp
 from hil_sim.scenarios import Scenario
-
-COLOUR_RANGE_MIN_DEG_S = 0.01
-"""Minimum span of the scale of a difference to either side, in deg/s."""
-
-
-def comparison(one: NamedMap, other: NamedMap, number: int = 1) -> Gallery:
-    """Return the yaw rates of two maps and their difference on the axes of the first; NaN where one is infeasible.
-
-    `number` distinguishes several comparisons in one report.
-    """
-    mine = YAW_RATE.degrees(one.map)
-    theirs = np.degrees(on_axes_of(one.map, other.map))
-    assert mine is not None
-    both, gain = colour_limits([mine, theirs]), mine - theirs
-    reach = max(float(np.nanmax(np.abs(gain))) if np.isfinite(gain).any() else 0.0, COLOUR_RANGE_MIN_DEG_S)
-    shown = (
-        ("first", one.title, mine, "viridis", both),
-        ("second", other.title, theirs, "viridis", both),
-        ("difference", f"{one.title} minus {other.title}", gain, "BrBG", (-reach, reach)),
-    )
-    charts = []
-    for name, title, table, colours, limits in shown:
-        figure = {"data": [heat_map(one, table, title, "deg/s", colours, limits)], "layout": map_layout(one, legend=False)}
-        spoken = f"Heat map of the yaw rate: {title}."
-        charts.append(Chart(f"compare-{name}-{number}", figure, f"Yaw rate: {title}.", spoken, 360))
-    return Gallery(charts)
 
 
 def difference_in_figures(one: NamedMap, other: NamedMap) -> Iterator[Block]:
@@ -120,7 +93,7 @@ def difference_in_figures(one: NamedMap, other: NamedMap) -> Iterator[Block]:
 
 
 YELLOW = "#F0E442"
-"""Yellow of the palette in `codegen.report.style`."""
+"""Yellow of the palette in `codegen.figures.data`."""
 LINEAR = ", from there linear to the first breakpoint"
 
 RULES = {
@@ -316,7 +289,7 @@ def _map(material: Material) -> Iterator[Block]:
         yield Text("The yaw rate for each speed and front angle of a left turn.")
     else:
         yield Text(SOLVED)
-    yield maps.heat_maps(one)
+    yield Gallery(heat_map_charts(one))
     yield maps.cuts([one, *material.others])
 
 
@@ -332,7 +305,7 @@ def _compared(material: Material) -> Iterator[Block]:
         yield Text(
             f"{material.map.name} beside {other.name}{_same_car(material.map.map, other.map)}{_tyres(material.map, other)}."
         )
-        yield comparison(material.map, other, number)
+        yield Gallery(difference_charts(material.map, other, number))
         yield from difference_in_figures(material.map, other)
 
 
@@ -371,7 +344,7 @@ def _optimum(material: Material) -> Iterator[Block]:
         if found:
             header, rows = run_table(found)
             yield Table("Closed loop and the paper's figures", header, rows)
-    yield tyre_charts(material.config)
+    yield Gallery(tyre_charts(material.config))
 
 
 def _paper_runs(material: Material) -> dict[str, dict[str, Any]]:

@@ -17,9 +17,9 @@ from codegen.design.margins import (
     nominal_margins,
 )
 from codegen.emit.laws import LAWS, law_of
-from codegen.report.html.blocks import INK, MUTED, Block, Chart, Gallery, Table, Text, axis, layout, line, numbers, scale_of
-from codegen.report.html.maps import SPEED, colour_bar
-from codegen.report.run_plots import RUN_COLOURS
+from codegen.figures.data import COLOURS, INK, MUTED, SPEED, Chart, axis, layout, line, numbers, scale_of
+from codegen.figures.maps import colour_bar
+from codegen.report.html.blocks import Block, Gallery, Table, Text
 from codegen.sweep.region import MARGIN_SHARES, TURN_SHARE, Region
 from codegen.units import KM_H
 
@@ -33,7 +33,7 @@ def margins_chart(configs: Mapping[str, Config]) -> Chart | None:
         configs: name -> configuration; those without feedback are omitted.
     """
     data: list[dict[str, Any]] = []
-    colours = iter(RUN_COLOURS * len(configs))
+    colours = iter(COLOURS * len(configs))
     shown = []
     for name, config in configs.items():
         gains = law_of(config).gains(config)

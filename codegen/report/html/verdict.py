@@ -11,12 +11,16 @@ from codegen.design.margins import Weakest, margin_range_km_h
 from codegen.emit.laws import is_untuned
 from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError
+from codegen.figures.data import Chart
+from codegen.figures.maps import heat_map_charts
+from codegen.figures.runs import PANELS
+from codegen.figures.scenarios import time_chart
+from codegen.judgement.build_warnings import folder_warnings
+from codegen.judgement.car_warnings import Handling
 from codegen.judgement.check import all_warnings
-from codegen.plausibility.build import folder_notes, folder_warnings
-from codegen.plausibility.car import Handling
 from codegen.report.html import build as build_tables
-from codegen.report.html import judgement, maps, runs
-from codegen.report.html.blocks import Block, Chart, Gallery, Text, Tile, Tiles
+from codegen.report.html import judgement
+from codegen.report.html.blocks import Block, Gallery, Text, Tile, Tiles
 from codegen.units import KM_H
 
 if TYPE_CHECKING:
@@ -93,11 +97,10 @@ def _verification(build: Any) -> Iterator[Tile]:
 
 
 def _pictures(material: Material) -> Iterator[Chart]:
-    first = maps.heat_maps(material.map).charts[0]
+    first = heat_map_charts(material.map)[0]
     yield _named(first, "verdict-map")
     if material.runs and material.scenario is not None:
-        scenario = material.scenario
-        chart = runs.run_chart(material.runs, material.config, scenario.title, runs.PANELS[:1], scenario.step_time)
+        chart = time_chart(material.scenario, material.config, material.runs, PANELS[:1])
         yield _named(chart, "verdict-run")
 
 
@@ -114,7 +117,7 @@ def _warnings(material: Material) -> Iterator[str]:
         manifest = None if material.build is None else read_build(material.build)
         found = list(all_warnings(config, material.map.map, manifest))
         if material.build is not None:
-            found += [*folder_warnings(material.build), *folder_notes(material.build)]
+            found += folder_warnings(material.build)
     except CodegenError as error:
         found = [str(error)]
     yield from (f"{text[0].upper()}{text[1:]}." for text in dict.fromkeys(found))

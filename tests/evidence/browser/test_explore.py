@@ -11,7 +11,7 @@ from codegen import configuration
 from codegen.explore.explorer import Explorer
 from codegen.explore.server import ExploreServer
 from codegen.explore.toml_file import Target, preset_bases
-from codegen.report.html.blocks import scale_of
+from codegen.figures.data import scale_of
 from tests.explore.conftest import KINDS, explorer_of
 
 from .conftest import PageMonitor

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from codegen.figures.data import Chart
 from codegen.map_file import map as npz
-from codegen.report.html.blocks import Chart, Section
+from codegen.report.html.blocks import Section
 from codegen.report.html.gather import Request, gather, read
 from codegen.report.html.page import charts_of, render
 from codegen.report.html.report import sections

@@ -4,7 +4,7 @@ import pytest
 
 from hil_sim.scenarios import SCENARIOS
 from tests.hil_sim.test_task_events import LAGS, check_healthy_car
-from tests.plausibility.test_plausibility import check_plausible_car
+from tests.judgement.test_plausibility import check_plausible_car
 
 
 @pytest.mark.long

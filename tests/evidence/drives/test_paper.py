@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from codegen.figures.paper_tables import PAPER_TABLE
 from codegen.report.paper import Reproduction, reproduce
-from codegen.report.paper_tables import PAPER_TABLE
 
 ROOT = Path(__file__).resolve().parents[3]
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from codegen.configuration import Config
-from codegen.plausibility.build import excess_warning
+from codegen.judgement.build_warnings import excess_warning
 from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop
 from codegen.sil.software import RECORD_COLUMNS, Software, compile_build
 from codegen.units import KM_H

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from codegen.configuration import Config, preset
-from codegen.design.tune import design
+from codegen.design.gains import design
 from codegen.ecu_map.extend import extend
 from codegen.ecu_map.lookup import Lookup
 from codegen.ecu_map.model_excess import model_excess

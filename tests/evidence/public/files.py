@@ -21,7 +21,7 @@ from codegen.logs.account import BusLog, open_log, to_dict
 from codegen.logs.databases import Databases, load_database
 from codegen.logs.frames import Frames, Kind
 from codegen.logs.measurement import Account
-from codegen.text_table import text_table
+from codegen.text import text_table
 from codegen.verify.check import Effort, Outcome, Verdict
 from tests.evidence.progress import Progress
 from tests.evidence.public import counts

@@ -9,18 +9,20 @@ import pytest
 from codegen.configuration import preset
 from codegen.design.loss import MODES, loss_of_function
 from codegen.emit.folder import read_manifest
+from codegen.figures.curves import front_angle_chart
+from codegen.figures.data import AFTER_STEP, Chart, cell_edges
+from codegen.figures.maps import NamedMap, heat_map_charts
+from codegen.figures.paper_tables import PAPER_TABLE
+from codegen.figures.runs import PANELS, run_chart
 from codegen.map_file import map as npz
 from codegen.map_file.map import from_arrays
 from codegen.optimum import exact
 from codegen.optimum.problem import SteadyTurnProblem
 from codegen.report.html import maps
-from codegen.report.html.blocks import Chart, cell_edges
-from codegen.report.html.curves import front_angle_chart
-from codegen.report.html.maps import NamedMap, loss_blocks
-from codegen.report.html.report import comparison, extended, to_compare
+from codegen.report.html.maps import loss_blocks
+from codegen.report.html.report import extended, to_compare
 from codegen.report.html.robust import margins_chart
-from codegen.report.html.runs import PANELS, run_chart
-from codegen.report.paper_tables import PAPER_TABLE
+from codegen.report.map_difference import difference_charts
 from codegen.sil.software import RECORD_COLUMNS
 from codegen.units import KM_H
 from codegen.vehicle.tyre import AxleTyres
@@ -45,13 +47,15 @@ def bare() -> NamedMap:
 
 
 def test_a_bare_map_is_drawn_with_speed_to_the_right(bare: NamedMap) -> None:
-    (chart,) = maps.heat_maps(bare).charts
+    chart, acceleration = heat_map_charts(bare)
     trace = chart.figure["data"][0]
     expected = {"x": SPEED / KM_H, "y": [1.0, 2.0], "z": np.degrees(np.where(FEASIBLE, RATES, np.nan)).T}
     for key, values in expected.items():
         np.testing.assert_allclose(unpacked(trace[key]), values, rtol=1e-6)  # single precision
+    shown = acceleration.figure["data"][0]["z"]
+    np.testing.assert_allclose(shown, (SPEED[:, np.newaxis] * np.where(FEASIBLE, RATES, np.nan)).T, rtol=1e-12)
     data = maps.cuts([bare]).data["maps"][0]
-    assert (list(data["tables"]), data["binding"]) == (["yaw_rate"], None)
+    assert (list(data["tables"]), data["binding"]) == (["yaw_rate", "lateral_acceleration"], None)
     assert to_compare(bare.map) is None
     # A cell next to a wide gap has the width of its other neighbour.
     np.testing.assert_allclose(cell_edges([0.0, 20.0, 21.0, 22.0, 50.0]), [0.0, 19.5, 20.5, 21.5, 22.5, 50.0])
@@ -62,7 +66,7 @@ def test_maps_are_compared_on_the_axes_of_the_first(bare: NamedMap) -> None:
     speed, angle = np.array([5.0, 40.0]), np.radians([0.5, 3.0])
     plane = 0.01 * speed[:, np.newaxis] + angle[np.newaxis, :]
     other = NamedMap("plane", from_arrays({"vx": speed, "delta_f": angle, "yaw_rate": plane}, "test"))
-    charts = {chart.name: chart for chart in comparison(bare, other).charts}
+    charts = {chart.name: chart for chart in difference_charts(bare, other)}
     expected = np.degrees(np.where(FEASIBLE, RATES, np.nan) - (0.01 * SPEED[:, np.newaxis] + ANGLE))
     difference = unpacked(charts["compare-difference-1"].figure["data"][0]["z"])
     np.testing.assert_allclose(difference, expected.T, rtol=1e-5, atol=1e-5)
@@ -74,15 +78,17 @@ def test_cells_of_the_ecu_match_the_manifest(solved: NamedMap) -> None:
     counts = {row[1].partition(", from there")[0]: int(row[2].replace(",", "")) for row in table.rows}
     assert counts == {rule["text"]: rule["cells"] for rule in manifest["map"]["rules"].values()}
     codes = chart.figure["data"][0]["codes"]
-    assert unpacked(codes).shape == (len(manifest["map"]["front_angle_rad"]), len(manifest["map"]["speed_m_s"]))
-    assert codes["names"][unpacked(codes)[0, 0]] == "linear, from zero"
+    assert codes["cells"].shape == (len(manifest["map"]["front_angle_rad"]), len(manifest["map"]["speed_m_s"]))
+    assert codes["names"][codes["cells"][0, 0]] == "linear, from zero"
 
 
 def record() -> np.ndarray:
-    """Return a run in which each column is a line with its own slope."""
+    """Return a run without a spin in which each column is a line with its own slope."""
     time = 0.01 * np.arange(400)
-    made = np.stack([(k + 1) * time / 5.0 for k in range(len(RECORD_COLUMNS))], axis=1)
+    made = np.stack([(k + 1) * time / 250.0 for k in range(len(RECORD_COLUMNS))], axis=1)
     made[:, 0], made[:, -1] = time, 0.0
+    for name in ("speed_m_s", "lateral_acceleration_m_s2"):
+        made[:, RECORD_COLUMNS.index(name)] *= 50.0
     return made
 
 
@@ -93,8 +99,8 @@ def test_each_panel_shows_its_columns() -> None:
     words = {"yaw_rate_reference_rad_s": "mine, reference", "rear_angle_command_rad": "mine, command"}
     for row, panel in enumerate(PANELS):
         number = "" if row == 0 else str(row + 1)
-        assert layout[f"yaxis{number}"]["title"]["text"] == panel.title
-        for name, _ in panel.columns:
+        assert layout[f"yaxis{number}"]["title"]["text"] == panel.label
+        for name in (panel.column, *(panel.dashed or ())[:1]):
             values = record()[:, RECORD_COLUMNS.index(name)]
             expected = values / KM_H if name == "speed_m_s" else values if name.endswith("_s2") else np.degrees(values)
             np.testing.assert_allclose(drawn[words.get(name, "mine"), f"y{number}"], expected, rtol=1e-6, err_msg=name)
@@ -102,14 +108,14 @@ def test_each_panel_shows_its_columns() -> None:
 
 def test_time_starts_at_the_step_and_the_legend_names_only_what_is_drawn() -> None:
     """The yaw rate has no limit, and a passive car no reference."""
-    chart = run_chart({"mine": record()}, preset(), "title", PANELS[:1], 3.0)
+    chart = run_chart({"mine": record()}, preset(), "title", PANELS[:1], origin=3.0, time_label=AFTER_STEP)
     axis = chart.figure["layout"]["xaxis"]
     assert axis["title"]["text"] == "Time after the step (s)" and axis["range"][0] == -3.0
     np.testing.assert_allclose(unpacked(chart.figure["data"][0]["x"])[[0, -1]], [-3.0, 0.99], atol=1e-6)
-    assert [trace["name"] for trace in chart.figure["data"]] == ["mine", "mine, reference", "reference or command"]
-    assert "Dotted" not in chart.caption
+    assert [trace["name"] for trace in chart.figure["data"]] == ["mine", "mine, reference", "reference"]
+    assert "limits" not in chart.caption
     alone = run_chart({"passive": record()}, preset(), "title", PANELS[:1])
-    assert [trace["name"] for trace in alone.figure["data"]] == ["passive"] and alone.caption == "title."
+    assert [trace["name"] for trace in alone.figure["data"]] == ["passive car"] and alone.caption == "title."
     assert {trace["name"] for trace in run_chart({"mine": record()}, preset(), "title").figure["data"]} >= {"limit"}
 
 
@@ -120,7 +126,8 @@ def test_limits_are_those_of_the_configuration() -> None:
     tyres = AxleTyres.from_config(config)
     shapes = run_chart({"mine": record()}, slower, "title").figure["layout"]["shapes"]
     slips = {"y5": math.degrees(tyres.front_slip_bound), "y6": math.degrees(tyres.rear_slip_bound)}
-    assert {shape["yref"]: shape["y0"] for shape in shapes} == pytest.approx({"y2": 3.0, "y3": 2.0, "y4": 0.8 * 9.81, **slips})
+    limits = {"y2": 0.8 * 9.81, "y3": 3.0, "y4": 2.0, **slips}
+    assert {shape["yref"]: abs(shape["y0"]) for shape in shapes} == pytest.approx(limits)
 
 
 def test_the_cut_shows_the_optimum_and_the_published_marks() -> None:
@@ -135,7 +142,8 @@ def test_the_cut_shows_the_optimum_and_the_published_marks() -> None:
         both = np.isfinite(expected) & np.isfinite(unpacked(shown["y"]))
         assert both.sum() > 100
         np.testing.assert_allclose(unpacked(shown["y"])[both], expected[both], atol=1e-4)
-    marks = {(each["yaxis"], each["y"][0]) for each in chart.figure["data"] if each["mode"] == "markers"}
+    marked = (each for each in chart.figure["data"] if each["mode"] == "markers" and not each["showlegend"])
+    marks = {(each["yaxis"], each["y"][0]) for each in marked}
     rates = {("y", PAPER_TABLE[case][0]) for case in PAPER_TABLE}
     # 4WS-1 and 4WS-2 have a sideslip to the right at that speed, the front-steered car to the left.
     assert marks == rates | {("y2", 1.101), ("y2", -1.08), ("y2", -0.03)}

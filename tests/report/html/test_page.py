@@ -14,9 +14,10 @@ import pytest
 from codegen.configuration import preset
 from codegen.errors import CodegenError
 from codegen.export import runs as exported
+from codegen.figures.data import Chart
 from codegen.report.bus_tables import FaultEntry
 from codegen.report.html import build, page, verdict
-from codegen.report.html.blocks import Chart, Section, Table, Text
+from codegen.report.html.blocks import Section, Table, Text
 from codegen.report.html.gather import Request, _scenario_of, gather, read
 from codegen.report.html.inputs import named, read_files
 from codegen.report.html.report import sections
@@ -209,12 +210,15 @@ def test_fault_markers_and_run_names(tmp_path: Path, monkeypatch: pytest.MonkeyP
             read_files([str(path)], CAN)
     monkeypatch.chdir(tmp_path)
     assert named("C1=a/b.csv") == ("C1", Path("a/b.csv"))
-    assert named("a/b.csv") == ("b", Path("a/b.csv"))
+    assert named("a/b.csv") == ("", Path("a/b.csv"))
     Path("x=y.csv").touch()  # a valid file name
-    assert named("x=y.csv") == ("x=y", Path("x=y.csv"))
+    assert named("x=y.csv") == ("", Path("x=y.csv"))
     exported.save(record(), tmp_path / "run.csv")
     np.testing.assert_array_equal(read_files(["mine=run.csv"], CAN).runs["mine"], record())
-    with pytest.raises(CodegenError, match="a second run called 'run'"):
+    Path("other").mkdir()
+    exported.save(record(), Path("other/run.csv"))
+    assert list(read_files(["run.csv", "other/run.csv"], CAN).runs) == ["run.csv", "other/run.csv"]
+    with pytest.raises(CodegenError, match=r"a second run called 'run\.csv'"):
         read_files(["run.csv", "run.csv"], CAN)
 
 
@@ -235,6 +239,36 @@ def test_a_scaled_channel_has_physical_values_and_invalid_ones_are_noted(tmp_pat
     speed = files.runs["run"][:, RECORD_COLUMNS.index("speed_m_s")]
     np.testing.assert_allclose(speed, np.where(invalid, np.nan, 20.0))
     assert files.notes == ["run: 1 of 5 samples of speed_m_s are marked as invalid."]
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_texts_in_a_scaled_channel_are_no_values(tmp_path: Path) -> None:
+    """Raw counts of such a channel were shown as m/s."""
+    from asammdf import MDF, Signal
+
+    columns = {name: np.zeros(5) for name in RECORD_COLUMNS} | {"time_s": 0.01 * np.arange(5)}
+    signals = [Signal(values, columns["time_s"], name=name) for name, values in columns.items() if name != "speed_m_s"]
+    raw = np.array([2000, 2000, 65535, 2000, 2000], np.uint16)
+    reserved = {"val_0": 65535.0, "text_0": b"not available", "default_addr": {"a": 0.01, "b": 0.0}}
+    signals.append(Signal(raw, columns["time_s"], name="speed_m_s", conversion=reserved))
+    with MDF(version="4.10") as mdf:
+        mdf.append(signals)
+        mdf.save(tmp_path / "run.mf4")
+    speed = read_files([str(tmp_path / "run.mf4")], CAN).runs["run"][:, RECORD_COLUMNS.index("speed_m_s")]
+    np.testing.assert_allclose(speed, np.where(raw == 65535, np.nan, 20.0))
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_a_missing_channel_of_a_run_is_named(tmp_path: Path) -> None:
+    from asammdf import MDF, Signal
+
+    time = 0.01 * np.arange(5)
+    with MDF(version="4.10") as mdf:
+        mdf.append([Signal(time, time, name=name) for name in RECORD_COLUMNS[:3]])
+        mdf.save(tmp_path / "run.mf4")
+    expected = f"it has no channel {', '.join(RECORD_COLUMNS[3:])}; its channels are .*{', '.join(RECORD_COLUMNS[1:3])}"
+    with pytest.raises(CodegenError, match=expected):
+        read_files([str(tmp_path / "run.mf4")], CAN)
 
 
 def test_messages_for_files_of_another_kind(tmp_path: Path) -> None:

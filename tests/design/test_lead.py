@@ -7,10 +7,9 @@ import pytest
 from scipy.stats import chi2
 
 from codegen.configuration import Schedule, parse
+from codegen.design import lead
 from codegen.design.family import nominal
-from codegen.design.sampled import continuous
-from codegen.tuning import transient
-from codegen.tuning.transient import (
+from codegen.design.lead import (
     DEVIATION_OVERSHOOT_PERCENT,
     LAG_OVERSHOOT_PERCENT,
     LEADS_S,
@@ -23,7 +22,8 @@ from codegen.tuning.transient import (
     tune_response,
     with_response,
 )
-from codegen.tuning.tune import with_tracking
+from codegen.design.sampled import continuous
+from codegen.design.tune import with_tracking
 from codegen.units import KM_H
 from codegen.vehicle.plant_car import PLANT_PARAMETERS
 from hil_sim.suite.cells import NOMINAL, cells
@@ -34,8 +34,8 @@ from tests import builds
 
 def test_the_chosen_pairs_keep_their_limits_when_simulated_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """Rise times may differ by one sample, because the steady yaw rate is averaged over another second."""
-    monkeypatch.setattr(transient, "RESPONSE_GAINS_S", (0.0, 0.1))
-    monkeypatch.setattr(transient, "LEADS_S", LEADS_S[::2])
+    monkeypatch.setattr(lead, "RESPONSE_GAINS_S", (0.0, 0.1))
+    monkeypatch.setattr(lead, "LEADS_S", LEADS_S[::2])
     monkeypatch.setattr("codegen.configuration.RESPONSE_AHEAD_FACTORS", (1.0,))
     schedule = Schedule(speed_km_h=[15.0, 60.0, 100.0], proportional_gain_s=[0.03, 0.06, 0.09], integral_gain=[1.7, 1.2, 0.8])
     config = with_tracking(builds.TRACKING_CONFIG, {"schedule": schedule}, "test")
@@ -63,8 +63,8 @@ def test_the_chosen_pairs_keep_their_limits_when_simulated_alone(monkeypatch: py
 )
 def test_the_first_sufficient_look_ahead_is_chosen(monkeypatch: pytest.MonkeyPatch, settling: str, expected: float) -> None:
     tried = map(float, settling.split())
-    monkeypatch.setattr(transient, "_pairs", lambda *_: (Response(60.0, 0.0, 0.0, 4.2, next(tried), 0.3, 4.0),))
-    monkeypatch.setattr(transient._Search, "of", lambda *_: None)
+    monkeypatch.setattr(lead, "_pairs", lambda *_: (Response(60.0, 0.0, 0.0, 4.2, next(tried), 0.3, 4.0),))
+    monkeypatch.setattr(lead._Search, "of", lambda *_: None)
     config = builds.TRACKING_CONFIG
     assert tune_response(builds.paper_map(), config, config.controller.tracking.schedule, None, None)[0] == expected
 
@@ -78,7 +78,7 @@ def test_measured_deviations_replace_stiffness_and_lag() -> None:
     own, limits = family_of(parse({**data, "identified": table}, "test"))
     plain, plain_limits = family_of(builds.TRACKING_CONFIG)
     assert np.array_equal(own[:3], plain[:3])
-    front_grip = transient.FRONT_GRIP_OVERSHOOT_PERCENT
+    front_grip = lead.FRONT_GRIP_OVERSHOOT_PERCENT
     assert limits.tolist() == [
         *plain_limits[:3],
         *[DEVIATION_OVERSHOOT_PERCENT] * 4,
@@ -94,7 +94,7 @@ def test_measured_deviations_replace_stiffness_and_lag() -> None:
     assert max(own[3:7, stiffness]) / own[0, stiffness] == pytest.approx(1.0 + 2_000.0 * radius / slope)
     for name in ("front_stiffness_factor", "front_peak_factor"):
         factor = own[7, PLANT_PARAMETERS.index(name)] / own[0, PLANT_PARAMETERS.index(name)]
-        assert factor == pytest.approx(transient.FRONT_GRIP_FACTOR), name
+        assert factor == pytest.approx(lead.FRONT_GRIP_FACTOR), name
     assert (own[8:, lag] - own[0, lag]).tolist() == pytest.approx([step * chi2.ppf(0.99, 1) ** 0.5 * 0.002 for step in (-1, 1)])
 
 
@@ -102,7 +102,7 @@ def test_measured_deviations_replace_stiffness_and_lag() -> None:
 def test_the_plant_step_of_tuning_resolves_the_car_at_its_first_speed(grid: dict[str, float]) -> None:
     """The lightest, stiffest car of the family; the Runge-Kutta method is stable up to a step of 2.7 time constants."""
     config = builds.TRACKING_CONFIG.replace({"grid": grid, "rear_actuator.lag_s": 0.1, "steering.lag_s": 0.05})
-    step, speed = transient._plant_step(config), config.grid.speed_min_km_h * KM_H
+    step, speed = lead._plant_step(config), config.grid.speed_min_km_h * KM_H
     factors = {"mass_factor": 0.8, "front_stiffness_factor": 1.15, "rear_stiffness_factor": 1.15}
     a, _ = continuous(config, [replace(nominal(config), **factors)], np.array([speed]))
     fastest = np.abs(np.linalg.eigvals(a[0, 0, :2, :2])).max()
@@ -116,10 +116,10 @@ def test_the_family_of_relaxed_tyres_has_a_longer_relaxation_length() -> None:
     cars, limits = family_of(config)
     length = cars[:, PLANT_PARAMETERS.index("relaxation_length")]
     longest = int(np.argmax(length))
-    assert length[longest] == pytest.approx(0.6) and limits[longest] == transient.RELAXATION_OVERSHOOT_PERCENT
+    assert length[longest] == pytest.approx(0.6) and limits[longest] == lead.RELAXATION_OVERSHOOT_PERCENT
     assert (np.delete(length, longest) == 0.4).all()
 
 
 @pytest.mark.parametrize(("speed", "is_met"), [(60.0, True), (80.0, False)])
 def test_a_slow_car_misses_its_limits_at_high_speed_only(speed: float, is_met: bool) -> None:
-    assert Response(speed, 0.0, 0.0, 1.0, 1.0, transient.RISE_MAX_S + 0.01, 3.0).is_met == is_met
+    assert Response(speed, 0.0, 0.0, 1.0, 1.0, lead.RISE_MAX_S + 0.01, 3.0).is_met == is_met

@@ -6,13 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from codegen.metrics.runs import SPIN_REAR_SLIP, SPIN_SIDESLIP
-from codegen.optimum.turns import turns_of
-from codegen.sil.plant import Plant, PlantInput
-from codegen.sil.software import Measurement
-from codegen.tuning import tune
-from codegen.tuning.transient import compile_controller
-from codegen.tuning.tune import (
+from codegen.design import tune
+from codegen.design.lead import compile_controller
+from codegen.design.tune import (
     DRIVER_TIME,
     DRIVERS,
     DURATION,
@@ -25,6 +21,10 @@ from codegen.tuning.tune import (
     tune_fail_safe,
     with_controller,
 )
+from codegen.metrics.runs import SPIN_REAR_SLIP, SPIN_SIDESLIP
+from codegen.optimum.turns import turns_of
+from codegen.sil.plant import Plant, PlantInput
+from codegen.sil.software import Measurement
 from codegen.units import KM_H
 from hil_sim.suite.subjects import of_config
 from tests import builds

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from codegen.tuning import transient
-from codegen.tuning.transient import FIGURES, LEADS_S, RESPONSE_GAINS_S, _Search
+from codegen.design import lead
+from codegen.design.lead import FIGURES, LEADS_S, RESPONSE_GAINS_S, _Search
 
 OWN = {"overshoot": 1.0, "settling": 0.8, "overshoot at larger angles": 1.0, "settling at larger angles": 0.8, "rise": 0.3}
 """Figures of a configured car at its targets."""
@@ -55,6 +55,6 @@ def test_pairs_of_neighbouring_speeds_stay_near_each_other_unless_it_costs_more(
     rise[near] = 0.3, 0.31, 0.3
     steps = 1 + len(RESPONSE_GAINS_S) - 1
     for gain, chosen in ((0.5, near), (1.5, far)):  # in units of the cost of moving there and back
-        rise[far, 1] = 0.31 - gain * 2.0 * steps * transient.DISTANCE_PRICE_S
+        rise[far, 1] = 0.31 - gain * 2.0 * steps * lead.DISTANCE_PRICE_S
         assert search(3).smooth_best(pairs, found) == [near, chosen, near]
     assert search(3).best(found)[1] == far

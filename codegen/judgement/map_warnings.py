@@ -13,9 +13,10 @@ from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.emit.limiter_view import LimiterCut, cut_text
 from codegen.errors import MapError
+from codegen.judgement.car_warnings import is_limit_beyond_actuator
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.nonlinear import slip_use
-from codegen.plausibility.car import distinct, is_limit_beyond_actuator
+from codegen.text import distinct
 from codegen.units import GRAVITY, KM_H
 from codegen.vehicle.single_track import SingleTrack
 

@@ -7,10 +7,9 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
-import numpy as np
-
 from codegen.configuration import Config
 from codegen.configuration.controller import Tracking
+from codegen.text import distinct
 from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
 
@@ -66,15 +65,6 @@ class Handling:
         if self.characteristic_speed_km_h is not None:
             return f"{gradient}, characteristic speed {self.characteristic_speed_km_h:.0f} km/h"
         return f"{gradient}, neutral"
-
-
-def distinct(value: float, limit: float, digits: int = 2) -> str:
-    """Return a value rounded to the fewest digits, at least `digits`, that still show on which side of a limit it lies."""
-    for count in range(digits, 17):
-        rounded = float(f"{value:.{count}g}")
-        if (rounded > limit) == (value > limit) and (rounded < limit) == (value < limit):
-            break
-    return np.format_float_positional(rounded, trim="-")
 
 
 def _beyond(value: float, limits: tuple[float, float]) -> str:

@@ -1,8 +1,10 @@
-"""Tables as aligned text, for the terminal and for text files."""
+"""Aligned tables and rounded numbers, for the terminal and for text files."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+
+import numpy as np
 
 
 def text_table(header: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -> str:
@@ -17,3 +19,12 @@ def text_table(header: Sequence[str], rows: Sequence[Sequence[str]], left: int =
         return "  ".join(aligned).rstrip()
 
     return "\n".join([line(header), "  ".join("-" * width for width in widths), *map(line, rows)])
+
+
+def distinct(value: float, limit: float, digits: int = 2) -> str:
+    """Return a value rounded to the fewest digits, at least `digits`, that still show on which side of a limit it lies."""
+    for count in range(digits, 17):
+        rounded = float(f"{value:.{count}g}")
+        if (rounded > limit) == (value > limit) and (rounded < limit) == (value < limit):
+            break
+    return np.format_float_positional(rounded, trim="-")

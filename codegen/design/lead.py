@@ -18,6 +18,7 @@ import numpy as np
 
 from codegen.arrays import BoolArray, FloatArray
 from codegen.configuration import Config, Schedule
+from codegen.configuration.controller import RESPONSE_GAIN_MAX_S
 from codegen.design.family import ELLIPSOID_SHARE, measured_keys
 from codegen.emit.build import BuildInputs, BuildOptions, build_code
 from codegen.map_file.map import ReferenceMap
@@ -27,12 +28,20 @@ from codegen.optimum.problem import breakpoints
 from codegen.optimum.turns import turns_of
 from codegen.sil.batch import BatchSoftware, Lanes, compile_batch
 from codegen.sil.closed_loop import INPUT_COLUMNS
-from codegen.tuning.inner_loop import largest_response_gain
 from codegen.units import KM_H
 from codegen.vehicle.dynamics import PLAY_TIME_CONSTANT
 from codegen.vehicle.plant_car import PLANT_PARAMETERS, plant_parameters, varied_cars
 from codegen.vehicle.population import Population
 from codegen.vehicle.single_track import SingleTrack
+
+_LOOP_GAIN_SHARE = 0.6
+"""Share of the gain at which the loop no longer decays: a gain margin of 4.4 dB. Nothing in this loop is uncertain."""
+_LOOP_DURATION_S = 4.0
+_LOOP_DECAY = 0.05
+"""Share of its first yaw rate to which the model must come within that time."""
+_LOOP_YAW_RATE = 1e-3
+"""Small, so that the tyres are linear."""
+_LOOP_BISECTIONS = 8
 
 OVERSHOOT_PERCENT, SETTLING_S = 3.0, 2.0
 """Targets for the configured car."""
@@ -208,7 +217,7 @@ def _pairs(search: _Search, progress: Progress | None) -> tuple[Response, ...]:
     total = 2 * len(LEADS_S) * len(RESPONSE_GAINS_S) + 2 * len(around) * len(STEPS) + 1
     tell = _counted(progress, total)
     count = len(search.speeds)
-    largest = np.array([largest_response_gain(search.software, speed * KM_H, search.ahead) for speed in search.speeds])
+    largest = np.array([_largest_response_gain(search.software, speed * KM_H, search.ahead) for speed in search.speeds])
     first: FloatArray = np.array([[(lead, gain)] * count for lead in LEADS_S for gain in RESPONSE_GAINS_S])
     pairs = np.minimum(first, np.stack([np.full(count, LEADS_S[-1]), largest], axis=-1))
     figures = search.drive_all(pairs, search.cells(cars=slice(1)), tell)
@@ -452,3 +461,34 @@ def unit_step(config: Config, begin: float, duration: float) -> FloatArray:
     at["speed"][:], at["friction"][:], at["friction_estimate"][:] = 1.0, config.road.friction, math.nan
     at["steering_wheel_command"][round(begin / step) :] = 1.0
     return profile
+
+
+def _largest_response_gain(software: BatchSoftware, speed: float, ahead: float) -> float:
+    """Return the largest response gain in s with _LOOP_GAIN_SHARE, at a speed in m/s and with a look-ahead in s."""
+    low, high = 0.0, RESPONSE_GAIN_MAX_S / _LOOP_GAIN_SHARE
+    if _decays(software, speed, ahead, high):
+        return RESPONSE_GAIN_MAX_S
+    for _ in range(_LOOP_BISECTIONS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if _decays(software, speed, ahead, middle) else (low, middle)
+    return _LOOP_GAIN_SHARE * low
+
+
+def _decays(software: BatchSoftware, speed: float, ahead: float, gain: float) -> bool:
+    """Return whether the model with a first yaw rate comes to rest, the wheels straight."""
+    unit, config = software.software, software.config
+    model, given = unit.new("reference_model"), unit.new("reference_model_input")
+    given.speed, given.front_angle = speed, 0.0
+    for name in ("friction", "front_friction", "rear_friction"):
+        if hasattr(given, name):
+            setattr(given, name, config.road.friction)
+    period, step = config.controller.sampling_time_s, unit.function("reference_model_step")
+    unit.function("reference_model_start")(model, speed, _LOOP_YAW_RATE, 0.0)
+    samples, before = round(_LOOP_DURATION_S / period), model.yaw_rate
+    yaw_rates: list[float] = []
+    for _ in range(samples):
+        expected = model.yaw_rate + ahead / period * (model.yaw_rate - before)
+        before, given.rear_angle = model.yaw_rate, gain * expected
+        step(model, given)
+        yaw_rates.append(abs(model.yaw_rate))
+    return max(yaw_rates[-samples // 4 :]) < _LOOP_DECAY * _LOOP_YAW_RATE

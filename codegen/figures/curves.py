@@ -9,23 +9,25 @@ from typing import Any
 import numpy as np
 
 from codegen.arrays import FloatArray
-from codegen.configuration import Config
+from codegen.configuration import Config, Limits
+from codegen.figures.data import BLUE, INK, PURPLE, SKY, SPEED, Chart, Picture, axis, layout, line, points, span, text
+from codegen.figures.maps import CASE_LOOKS, OTHER_LOOKS, paper_mark, tyre_note
+from codegen.figures.paper_tables import PAPER_TABLE, TABLE_SPEED_KM_H
 from codegen.optimum.turns import turns_of
-from codegen.report.html.blocks import INK, MUTED, Chart, Gallery, axis, layout, line
-from codegen.report.html.maps import SPEED
-from codegen.report.paper_tables import PAPER_TABLE, TABLE_SPEED_KM_H
-from codegen.report.style import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, WHITE
-from codegen.report.summary import tyre_note
-from codegen.report.tyre_plots import LOAD_SHARES, slip_limit_text, slip_shown
 from codegen.units import KM_H
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
 
-CASE_LOOKS = {"fws": (MUTED, "solid"), "4ws-1": (BLUE, "solid"), "4ws-2": (VERMILION, "dash")}
 POINTS = 201
-OTHER_LOOKS = tuple((colour, "dashdot") for colour in (GREEN, PURPLE, ORANGE, SKY, INK))
+LOAD_SHARES = (0.5, 0.75, 1.0, 1.25, 1.5)
+TYRE_SLIP_MAX = math.radians(8.0)
 
 
-def tyre_charts(config: Config) -> Gallery:
+def tyre_picture(config: Config) -> Picture:
+    """Return the picture of `tyre_charts`."""
+    return Picture([tyre_charts(config)], (9.6, 4.6))
+
+
+def tyre_charts(config: Config) -> list[Chart]:
     """Plot the lateral force of a front and a rear tyre over slip angle, for several wheel loads, with the slip limit of maps.
 
     Raises:
@@ -36,23 +38,39 @@ def tyre_charts(config: Config) -> Gallery:
     slip_max = slip_shown(tyres)
     slip = np.linspace(0.0, slip_max, POINTS)
     top = max(float(np.max(tyre.force(slip, LOAD_SHARES[-1] * tyre.static_load))) for _, tyre, _ in axles)
+    lowest = min(0.0, *(float(tyre.force(0.0)) for _, tyre, _ in axles))
     charts = []
     for name, tyre, bound in axles:
         edge = math.degrees(bound)
-        shade = {"fillcolor": SKY, "opacity": 0.25, "line": {"width": 0}, "layer": "below", "yref": "paper"}
         look = layout(
-            xaxis=axis("Slip angle α (deg)"),
-            yaxis=axis("Lateral force of one tyre (kN)", range=[0.0, 1.08 * top / 1e3]),
-            shapes=[{"type": "rect", "x0": 0, "x1": edge, "y0": 0, "y1": 1, **shade}],
+            xaxis=axis("Slip angle α (deg)", range=[0.0, math.degrees(slip_max)]),
+            yaxis=axis("Lateral force of one tyre (kN)", range=[lowest / 1e3, 1.08 * top / 1e3]),
+            shapes=[span(0.0, edge, SKY, 0.25)],
+            annotations=[text(f"{edge:.3f} deg", edge, lowest / 1e3, xanchor="left", yanchor="bottom", xshift=5, yshift=5)],
         )
+        limit = slip_limit_text(config.limits)
         caption = (
             f"A {name} tyre on a road with friction {config.road.friction:g}. Shaded: up to {edge:.3f} deg, the slip limit of "
-            f"the optimisation: {slip_limit_text(config.limits)}."
+            f"the optimisation: {limit}."
         )
         spoken = f"Force of a {name} tyre over slip angle; slip limit of {edge:.3f} deg."
-        figure = {"data": list(_tyre_lines(tyre, slip)), "layout": look}
-        charts.append(Chart(f"tyre-{name}", figure, caption, spoken, 440))
-    return Gallery(charts)
+        end = points([edge], [float(tyre.force(bound)) / 1e3], f"slip limit: {limit}", INK, size=7, hoverinfo="skip")
+        figure = {"data": [*_tyre_lines(tyre, slip), end], "layout": look}
+        title = f"{name.capitalize()} tyre, road friction {config.road.friction:g}"
+        charts.append(Chart(f"tyre-{name}", figure, caption, spoken, 440, title))
+    return charts
+
+
+def slip_shown(tyres: AxleTyres) -> float:
+    """Return the last slip angle of a tyre figure in rad: some times the limits, at most 45 degrees."""
+    return max(TYRE_SLIP_MAX, min(3.0 * max(tyres.slip_limits), math.radians(45.0)))
+
+
+def slip_limit_text(limits: Limits) -> str:
+    """Return what bounds the slip angles of a map."""
+    if limits.grip_use_max is not None:
+        return f"{100.0 * limits.grip_use_max:g} % of the largest force (nonlinear tyre)"
+    return f"linear range: within {limits.slip_departure_percent:g} % of the tangent"
 
 
 def _tyre_lines(tyre: MagicFormulaTyre, slip: FloatArray) -> Iterator[dict[str, Any]]:
@@ -90,22 +108,13 @@ def front_angle_chart(config: Config, front_angle_deg: float, paper: bool, own: 
         for row, (table, unit) in enumerate(((solution.yaw_rate, "deg/s"), (solution.sideslip, "deg"))):
             values = np.degrees(table[:, 0])
             told = f"{title}: %{{y:.3f}} {unit} at %{{x:.1f}} km/h<extra></extra>"
-            where = {"xaxis": "x", "yaxis": "y" if row == 0 else "y2", "legendgroup": name, "showlegend": row == 0}
+            y = "y2" if row else "y"
+            where = {"xaxis": "x", "yaxis": y, "legendgroup": name, "showlegend": row == 0}
             data.append(line(speed, values, title, colour, dash=dash, hovertemplate=told, **where))
             if paper and name in PAPER_TABLE:
                 here = float(np.interp(TABLE_SPEED_KM_H, speed, values))
-                ring = {"symbol": "circle", "size": 9, "color": WHITE, "line": {"color": colour, "width": 2}}
-                data.append(
-                    {
-                        **{"type": "scatter", "mode": "markers", "x": [TABLE_SPEED_KM_H], "marker": ring},
-                        **{**where, "showlegend": row == 0 and name == "fws", "legendgroup": "paper"},
-                        # The table gives |beta|; the mark is on the side of the map's value.
-                        "y": [math.copysign(PAPER_TABLE[name][row], here)],
-                        "legendrank": 2000,
-                        "name": f"paper's table, {TABLE_SPEED_KM_H:g} km/h",
-                        "hovertemplate": f"paper, {name.upper()}: %{{y}} {unit}<extra></extra>",
-                    }
-                )
+                data.append(paper_mark(name, row, here, colour, y))
+                data += [paper_mark(name, 0, here, INK, "y", is_entry=True)] if row == 0 and name == "fws" else []
     look = layout(
         xaxis=axis(SPEED, anchor="y2"),
         yaxis=axis("Yaw rate (deg/s)", domain=[0.54, 1.0], rangemode="tozero"),

@@ -7,12 +7,12 @@ from typing import Any
 import pytest
 
 from codegen.configuration import Config
+from codegen.design import tune
+from codegen.design.lead import Response
 from codegen.ecu_map.model_excess import Excess
 from codegen.errors import ConfigError
+from codegen.judgement.build_warnings import excess_warning
 from codegen.map_file import map as npz
-from codegen.plausibility.build import excess_warning
-from codegen.tuning import tune
-from codegen.tuning.transient import Response
 
 COMMITTED = npz.load(Path(__file__).resolve().parents[2] / "generated/4ws2.npz")
 

@@ -15,15 +15,13 @@ from codegen.configuration import Config
 from codegen.configuration.controller import TRIM_MAX_PERCENT
 from codegen.design.family import members
 from codegen.design.margins import WARN_GAIN_MARGIN_DB, WARN_PHASE_MARGIN_DEG, Margins, family_margins, gains_of
-from codegen.ecu_map.model_excess import COARSE
+from codegen.ecu_map.model_excess import COARSE, TRIM_WARNING_FACTOR
 from codegen.emit.folder import MANIFEST, VERIFICATION_FILES, verify_hashes
 from codegen.errors import CodegenError
 from codegen.files import read_file
-from codegen.plausibility.car import distinct
+from codegen.text import distinct
 from codegen.units import KM_H
 
-TRIM_WARNING_FACTOR = 2.0
-"""Warn when the trim exceeds this multiple of the required trim; extra trim increases overshoot."""
 MARGIN_TOLERANCE_DB, MARGIN_TOLERANCE_DEG, SENSITIVITY_TOLERANCE = 0.05, 0.2, 0.02
 """`codegen tune` rounds gains to four digits."""
 AHEAD_TOLERANCE = 0.02

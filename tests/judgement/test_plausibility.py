@@ -15,13 +15,14 @@ from codegen.configuration import Config, preset
 from codegen.design.margins import Margins
 from codegen.emit.from_files import prepare
 from codegen.errors import CheckFailed, CodegenError
+from codegen.judgement.build_warnings import family_warnings, margins_line, schedule_warnings
+from codegen.judgement.car_warnings import Handling, car_warnings
 from codegen.judgement.check import Found, check_path
+from codegen.judgement.map_warnings import MapFacts, axis_warnings, beyond_grip, map_warnings
 from codegen.judgement.model import of_map
 from codegen.map_file import map as npz
 from codegen.optimum.solve import solve_case
-from codegen.plausibility.build import family_warnings, margins_line, schedule_warnings
-from codegen.plausibility.car import Handling, car_warnings, distinct
-from codegen.plausibility.map import MapFacts, axis_warnings, beyond_grip, map_warnings
+from codegen.text import distinct
 from hil_sim.suite.cars import TEST_SEED, random_cars
 from tests.whole_car import car_toml
 

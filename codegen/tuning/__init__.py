@@ -1,1 +1,0 @@
-"""Everything that `codegen tune` determines for the controller of a map."""

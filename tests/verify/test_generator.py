@@ -1,0 +1,72 @@
+"""The check "generator": edited C against the C that the manifest gives again."""
+
+from dataclasses import replace
+
+import pytest
+
+from codegen.emit.build import code_again
+from codegen.errors import BuildError
+from codegen.verify import generator
+from codegen.verify.check import Effort, Subject, Verdict
+from tests.verify import builds, planted
+
+PI, TRACKING = builds.made("pi", "uneven"), builds.made("tracking", "uneven")
+QUICK = Effort(quick=True)
+
+
+@pytest.mark.parametrize("folder", [PI, TRACKING], ids=["pi", "tracking"])
+def test_the_manifest_gives_the_c_again(folder: builds.Folder) -> None:
+    again = code_again(folder.manifest).files
+    assert again == {path: text for path, text in folder.files.items() if path.startswith(("include/", "src/"))}
+    found = generator.check(planted.subject_of(folder), QUICK)
+    assert (found.verdict, found.findings) == (Verdict.PASSED, ())
+    assert found.figure == f"all {len(again)} files of the C are the generator's own"
+
+
+def test_an_edit_with_equal_behaviour_passes_and_is_named() -> None:
+    edited = planted.started(TRACKING, "ars_limiter_step", "    (void)0;\n")
+    found = generator.check(replace(edited, edited=("README.md", "src/ars_limiter.c")), QUICK)
+    assert (found.verdict, found.findings) == (Verdict.PASSED, ())
+    assert found.figures["edited"] == ["src/ars_limiter.c"] and found.figures["other_edited"] == ["README.md"]
+    assert found.limits[2].endswith("only their name is reported: README.md.")
+    assert found.limits[3] == "Not the generator's own bytes: src/ars_limiter.c."
+    assert found.figures["calls"].keys() >= {"random steps", "disturbed traffic", "lookup", "vehicle dynamics"}
+
+
+def test_the_first_difference_of_each_stream_is_reported_with_inputs_and_both_values() -> None:
+    """A limiter and a car that are off by a bit, and a wrong number of the map, in one build."""
+    limited = planted.limiter(PI, "    result = (input->speed > 20.0f) ? (result * 1.0000002f) : result;")
+    wrong = planted.source(PI, "ars_calibration")
+    start = wrong.index("{", wrong.index("map_yaw_rate_table"))
+    number = next(each for each in wrong[start:].split() if each.endswith("f,") and float(each[:-2]) > 0.05)
+    wrong = wrong[:start] + wrong[start:].replace(number, f"{float(number[:-2]) * 1.001:.9g}f,", 1)
+    body = (
+        "    ars_dynamics_state_t result = planted_ars_dynamics_magic_formula(state, input);\n"
+        "    result.yaw_rate *= 1.0000002f;\n    return result;"
+    )
+    moved = planted.wrapped(PI, "ars_dynamics_magic_formula", body)
+    files = {**limited.files, "src/ars_calibration.c": wrong.encode()}
+    files["src/ars_dynamics.c"] = moved.files["src/ars_dynamics.c"]
+    found = generator.check(replace(limited, files=files), QUICK)
+    assert found.verdict is Verdict.FAILED and len(found.figures["edited"]) == 3
+    for stream, output in (
+        ("random steps, step ", "command.rear_angle"),
+        ("limiter, step ", "result"),
+        ("lookup, call ", "yaw_rate"),
+        ("vehicle dynamics, point ", "magic_formula.yaw_rate"),
+    ):
+        (line,) = (each for each in found.findings if each.startswith(stream))
+        assert f": {output}" in line and " by the generator's C; " in line
+
+
+def test_what_cannot_be_compared() -> None:
+    other = Subject("old", PI.files, {**PI.manifest, "version": "0.0.1"})
+    assert generator.check(other, QUICK).verdict is Verdict.NOT_RUN
+    without = {key: value for key, value in PI.manifest.items() if key != "map_archive"}
+    with pytest.raises(BuildError, match="map_archive: no map; build again"):
+        generator.check(Subject("old", PI.files, without), QUICK)
+    with pytest.raises(BuildError, match="not base64"):
+        generator.check(Subject("old", PI.files, {**without, "map_archive": ["?"]}), QUICK)
+    broken = planted.subject_of(PI, ars_limiter="int broken(\n")
+    found = generator.check(broken, QUICK)
+    assert found.verdict is not Verdict.PASSED
