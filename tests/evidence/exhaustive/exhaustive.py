@@ -45,7 +45,7 @@ OTHERS: Mapping[str, str] = {
     "map: place_of": "pairs the results of locate_speed and locate_front_angle",
     "controller: within_step": SEVERAL,
     "task: start_from": "keeps the angle that controller_place() holds: covered by bounded, and by the contract",
-    **{f"task: {name}": SEVERAL for name in ("no_farther_out", "wait_for_wheels", "stay_near_wheels")},
+    **{f"task: {name}": SEVERAL for name in ("is_outer", "no_farther_out", "wait_for_wheels", "stay_near_wheels")},
     "law: allowed": SEVERAL,
     "law: @_law_init": "keeps the number or starts the model from it: tests of the state after a start cover it",
     "grip: @_grip_update": SEVERAL,
