@@ -20,7 +20,7 @@ TIME_TOLERANCE_S = 1e-9
 
 
 def criterion(information: FloatArray, of_interest: BoolArray) -> FloatArray:
-    """Return by how much some drives narrow what is known: half the logarithm of the determinants' ratio, in nats.
+    """Return the information gain of drives in nats: half the logarithm of the ratio of the determinants.
 
     Args:
         information: (..., k, k) of drives, in units of the prior.
