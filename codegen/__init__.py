@@ -32,11 +32,15 @@ if TYPE_CHECKING:
     from codegen.library.campaigns import replay as replay
     from codegen.library.campaigns import sweep as sweep
     from codegen.library.checks import Check as Check
+    from codegen.library.checks import Faults as Faults
     from codegen.library.checks import check as check
+    from codegen.library.checks import faults as faults
     from codegen.library.comparisons import Difference as Difference
     from codegen.library.comparisons import FlashSizes as FlashSizes
+    from codegen.library.comparisons import Paper as Paper
     from codegen.library.comparisons import compare as compare
     from codegen.library.comparisons import flash_sizes as flash_sizes
+    from codegen.library.comparisons import paper as paper
     from codegen.library.configurations import NewConfig as NewConfig
     from codegen.library.configurations import init as init
     from codegen.library.configurations import load_config as load_config
@@ -44,8 +48,6 @@ if TYPE_CHECKING:
     from codegen.library.configurations import schema as schema
     from codegen.library.exports import Export as Export
     from codegen.library.exports import export as export
-    from codegen.library.faults import Faults as Faults
-    from codegen.library.faults import faults as faults
     from codegen.library.identification import DrivePlan as DrivePlan
     from codegen.library.identification import Drives as Drives
     from codegen.library.identification import Identification as Identification
@@ -62,17 +64,15 @@ if TYPE_CHECKING:
     from codegen.library.maps import load_map as load_map
     from codegen.library.reports import Report as Report
     from codegen.library.reports import report as report
-    from codegen.library.reproduction import Paper as Paper
-    from codegen.library.reproduction import paper as paper
     from codegen.library.result import Progress as Progress
     from codegen.library.result import Result as Result
     from codegen.library.runs import Run as Run
     from codegen.library.runs import run as run
-    from codegen.library.scenarios import Scenarios as Scenarios
-    from codegen.library.scenarios import scenarios as scenarios
     from codegen.library.solving import SolvedMap as SolvedMap
     from codegen.library.solving import solve as solve
+    from codegen.library.suites import Scenarios as Scenarios
     from codegen.library.suites import Suite as Suite
+    from codegen.library.suites import scenarios as scenarios
     from codegen.library.suites import suite as suite
     from codegen.library.tuning import TunedMap as TunedMap
     from codegen.library.tuning import tune as tune
@@ -91,22 +91,19 @@ _NAMES = {
     "library.builds": ("Build", "load_build"),
     "library.calibration": ("Calibration", "calibrate"),
     "library.campaigns": ("Campaign", "Replay", "replay", "sweep"),
-    "library.checks": ("Check", "check"),
-    "library.comparisons": ("Difference", "FlashSizes", "compare", "flash_sizes"),
+    "library.checks": ("Check", "check", "Faults", "faults"),
+    "library.comparisons": ("Difference", "FlashSizes", "compare", "flash_sizes", "Paper", "paper"),
     "library.configurations": ("NewConfig", "init", "load_config", "preset", "schema"),
     "library.exports": ("Export", "export"),
-    "library.faults": ("Faults", "faults"),
     "library.identification": ("DrivePlan", "Drives", "Identification", "identify", "plan_drives", "read_drives"),
     "library.imports": ("ImportedMap", "ImportedTyres", "import_map", "import_tyres"),
     "library.logs": ("Log", "log"),
     "library.maps": ("Map", "load_map"),
     "library.solving": ("SolvedMap", "solve"),
     "library.reports": ("Report", "report"),
-    "library.reproduction": ("Paper", "paper"),
     "library.result": ("Progress", "Result"),
     "library.runs": ("Run", "run"),
-    "library.scenarios": ("Scenarios", "scenarios"),
-    "library.suites": ("Suite", "suite"),
+    "library.suites": ("Suite", "suite", "Scenarios", "scenarios"),
     "library.tuning": ("TunedMap", "tune"),
     "library.verification": ("Verification", "verify"),
 }

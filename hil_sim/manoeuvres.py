@@ -20,7 +20,7 @@ from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.design.sampled import matrix_exponential
 from codegen.errors import CodegenError
-from codegen.metrics.sine_with_dwell import DWELL_FREQUENCY, DWELL_LENGTH, DWELL_PAUSE
+from codegen.metrics.sine import DWELL_FREQUENCY, DWELL_LENGTH, DWELL_PAUSE
 from codegen.sil.closed_loop import PREVIEW_POINTS
 from codegen.units import KM_H, STANDARD_GRAVITY
 from codegen.vehicle.single_track import SingleTrack

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from codegen.cli import (  # noqa: F401
-    arxml_command,
     bench_commands,
     calibrate_command,
     check_commands,
     completion,
     exchange_commands,
     identify_command,
-    log_command,
     map_commands,
     show_commands,
     sil_command,
     suite_command,
     sweep_command,
-    tune_command,
 )
 from codegen.cli.base import cli
 

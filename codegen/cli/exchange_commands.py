@@ -1,4 +1,4 @@
-"""Commands that exchange data with other tools: import of maps and tyres; export as A2L, firmware and FMU."""
+"""Commands that exchange data with other tools: import of maps and tyres; logs; export as A2L, ARXML, firmware and FMU."""
 
 from __future__ import annotations
 
@@ -11,7 +11,18 @@ import click
 import codegen
 from codegen import console
 from codegen.cli.base import cli, example, json_option, show
-from codegen.cli.options import Command, FileType, any_file, build_option, configuration_file, folder_to_write
+from codegen.cli.options import (
+    Command,
+    FileType,
+    any_file,
+    build_option,
+    channel_option,
+    configuration_file,
+    database_option,
+    drive_log,
+    folder_to_write,
+    signals_option,
+)
 from codegen.errors import CodegenError
 
 TYRE_ENDING = ".tir"
@@ -190,3 +201,57 @@ def firmware(as_json: bool, **given: Any) -> None:
     with 1 if a frame differs from the software in the loop.
     """
     show(codegen.export(what="firmware", **given, progress=console.shown), as_json)
+
+
+@cli.command(
+    short_help="Describe a build for AUTOSAR Classic: ARXML, and the adapter in C.",
+    epilog=example("codegen arxml --build generated/4ws2 -o autosar"),
+)
+@build_option
+@click.option("-o", "--output", "path", required=True, type=folder_to_write, metavar="DIR", help="Folder for the description.")
+@click.option(
+    "--e2e",
+    type=click.Choice(["transformer", "task"]),
+    default="transformer",
+    show_default=True,
+    help="What checks the frames: the RTE's E2E transformer, or the task of the build on raw frames.",
+)
+@click.option(
+    "--access",
+    type=click.Choice(["explicit", "implicit"]),
+    default="explicit",
+    show_default=True,
+    help="How the runnable reads the messages: by Rte_Read, or by Rte_IRead, which needs the transformer.",
+)
+@json_option
+def arxml(as_json: bool, **given: Any) -> None:
+    """Write the ARXML (R22-11) of a build, and the C between the RTE and the controller.
+
+    The ARXML contains the software component with its types, ports, parameters and runnables, and the system with frames,
+    signals and E2E protection. The C goes to the ECU project together with the sources of the build.
+    """
+    show(codegen.export(what="arxml", **given, progress=console.shown), as_json)
+
+
+@cli.command(
+    short_help="Account for every frame or row of a log.",
+    epilog=example("codegen log drive2.blf --dbc generated/4ws2/ars.dbc --channel 1"),
+)
+@click.argument("path", metavar="FILE", type=drive_log)
+@database_option
+@channel_option
+@signals_option
+@json_option
+def log(as_json: bool, **given: Any) -> None:
+    """Account for every frame of the log of a CAN bus, or every row of a measurement.
+
+    A bus (.blf, .asc, .log of candump, .mf4): the frames in the file, those that are read and those that are skipped, with the
+    reason; for each channel, direction and identifier, what becomes of them: used, copies of others, of several senders, in no
+    database; the kind of clock, and stamps that go back or repeat; and all that is not plain.
+
+    A measurement (.mf4, .csv, .parquet): the rows in the file, those that are read and those that are skipped, with the reason;
+    for each channel, the samples with a number, and those without one; the same about the stamps of each group of channels.
+
+    The commands that read a log use the same account.
+    """
+    show(codegen.log(**given, progress=console.shown), as_json)

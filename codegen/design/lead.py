@@ -1,8 +1,8 @@
 """Lead and response gain of kind "tracking" over speed, from step responses of the nonlinear plant around the generated C.
 
 Both shape the feedforward alone, so no margin of the loop depends on them. The configured car must keep its limits at each
-speed of the schedule and half way to the neighbouring ones. Among the pairs that meet this, the cars of a small family decide,
-then the rise time plus a price on their overshoot.
+speed of the schedule and half way to the neighbouring ones. Pairs that meet these limits are compared by the excess of a small
+family of cars over its own limits, then by the rise time plus a price on overshoot.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ _LOOP_GAIN_SHARE = 0.6
 """Share of the gain at which the loop no longer decays: a gain margin of 4.4 dB. Nothing in this loop is uncertain."""
 _LOOP_DURATION_S = 4.0
 _LOOP_DECAY = 0.05
-"""Share of its first yaw rate to which the model must come within that time."""
+"""Largest yaw rate at the end of that time, as a fraction of the first one."""
 _LOOP_YAW_RATE = 1e-3
-"""Small, so that the tyres are linear."""
+"""First yaw rate in rad/s, so small that the tyres are linear."""
 _LOOP_BISECTIONS = 8
 
 OVERSHOOT_PERCENT, SETTLING_S = 3.0, 2.0
@@ -76,7 +76,8 @@ LARGER_FROM = SHARES.index(0.5)
 """First fraction at which a car must keep its limits if it cannot keep them at every angle. At small angles, where an
 understeering car overshoots most, the same percentage is a smaller yaw rate."""
 SPEED_MIN_KM_H = 25.0
-"""Breakpoints of the schedule below this speed get the pair of the first one above: there the car follows its wheels."""
+"""Breakpoints of the schedule below this speed take the pair of the first breakpoint above it. A slow car follows its wheels
+without delay, so no pair need be tuned there."""
 
 STEER_TIME, DURATION, STEADY_WINDOW = 0.2, 4.0, 0.5
 """Times in s: a step begins, ends, and is averaged for the steady yaw rate."""
@@ -86,8 +87,8 @@ LEADS_S = (-0.02, 0.0, 0.02, 0.04, 0.07, 0.10, 0.14)
 RESPONSE_GAINS_S = (0.0, 0.06, 0.12, 0.2, 0.35, 0.6, 0.9, 1.2)
 """Response gains of the first pairs, each with each lead."""
 DISTANCE_PRICE_S = 0.005
-"""Cost of one step of distance between the pairs of neighbouring speeds, in s of t90. A pair interpolated between distant
-pairs behaves like neither."""
+"""Cost of one step of distance between the pairs of neighbouring speeds, in s of rise time. A small distance keeps the pairs
+close to each other, because a pair interpolated between distant pairs behaves like neither."""
 RISE_PRICE_S = 0.3
 """Rise time that costs as much as an excess of the size of a limit, in s; a good car needs no more at 80 to 120 km/h."""
 TIERS = (1e6, 1e4, 1e2, 1.0)
@@ -251,8 +252,8 @@ def _counted(progress: Progress | None, total: int) -> Callable[[], None]:
 def with_response(config: Config, schedule: Schedule, ahead: float, found: Sequence[Response]) -> dict[str, Any]:
     """Return changes of [controller.tracking]: lead and response gain of the schedule, look ahead (s), bound of the lead.
 
-    Between the speeds that were tuned they are interpolated, beyond them held. The bound is the lead at the largest rate of the
-    steering wheel.
+    Breakpoints between the tuned speeds have interpolated values, those beyond them the value of the nearest tuned speed. The
+    bound is the lead at the largest rate of the steering wheel.
     """
     at = [response.speed_km_h for response in found]
     values = {
@@ -475,7 +476,7 @@ def _largest_response_gain(software: BatchSoftware, speed: float, ahead: float) 
 
 
 def _decays(software: BatchSoftware, speed: float, ahead: float, gain: float) -> bool:
-    """Return whether the model with a first yaw rate comes to rest, the wheels straight."""
+    """Return whether the yaw rate of the model decays from a small first value, with the front wheels straight."""
     unit, config = software.software, software.config
     model, given = unit.new("reference_model"), unit.new("reference_model_input")
     given.speed, given.front_angle = speed, 0.0

@@ -13,7 +13,7 @@ Rules, with G(vx) the steady yaw gain of the passive car and ay_cap the largest 
 - a speed without a feasible cell takes its neighbours'.
 
 The rear angle follows the same rules: the optimum inside, and the value at the edge beyond it, which the linear car needs for
-the straight line of the third rule. A bare table has no rear angles: they are delta_f - r/G then. A law (`optimum.rear_law`)
+the straight line of the third rule. A bare table has no rear angles: here they are delta_f - r/G. A law (`optimum.rear_law`)
 meets the limit of grip with rear angle to spare. Beyond, the rear wheels steer in phase as the lookup does below its cap, so
 that the car can hold the yaw rate.
 

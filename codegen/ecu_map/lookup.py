@@ -95,7 +95,7 @@ class AxisConstants:
     def _locate_even(self, x: npt.NDArray[Any]) -> tuple[npt.NDArray[np.int64], npt.NDArray[Any]]:
         axis, zero, one = self.axis, self.real(0.0), self.real(1.0)
         steps = ((x - self.core_origin) / (self.core_top - self.core_origin)) * self.cells
-        # Rounded up to one step too many is the last cell's first, where there is one.
+        # Just below core_top, `steps` may round up to `cells`. That index is the last cell, if the axis has a wider last cell.
         within = x < self.core_top if axis.has_last_cell else steps < self.cells
         core = (x >= self.core_origin) & within
         whole = np.where(core, steps, zero).astype(np.int64)
@@ -397,7 +397,7 @@ def _layer_bound(total: TotalMap, unit: float) -> float:
     largest = float(total.yaw_rate.max())
     bound = 18.0 * unit * largest + _position_bound(total.speed, total.front_angle, total.yaw_rate, unit)
     if total.grip is not None:
-        # An error of the share scales the capped value; the share has stored corners, interpolations and a product too.
+        # The result is cap times share, so the relative error of the share adds to that of the result.
         grip = total.grip
         off = 9.0 * unit + _position_bound(grip.speed, grip.front_angle, grip.share, unit)
         bound += off / float(grip.share.min()) * largest

@@ -71,7 +71,7 @@ def model_excess(reference_map: ReferenceMap, total: TotalMap, config: Config, r
     Args:
         total: the map of the build. real: its number type.
 
-    Points at which the model has no steady turn near that of the map are left out.
+    Points are left out if Newton's method finds no steady turn of the model there.
 
     Raises:
         MapError: a steady turn is not found.
@@ -114,7 +114,7 @@ def _on_one_layer(reference_map: ReferenceMap, lookup: Lookup, car: Config, conf
         if not (np.abs(state - before) > CHANGE_MAX).any():  # NaN stays
             break
     settled = np.abs(np.asarray(residual(state, inputs))).max(axis=0) <= RESIDUAL_MAX  # false for NaN
-    # A table below the optimum is no excess; where it is above, the trim follows the table.
+    # The excess counts from the larger of table and optimum: the trim takes the model back to the table only.
     excess = state[1] - np.fmax(wanted, optimum.yaw_rate)
     excess -= np.tile(np.where(np.array(EDGE_SHARES) == 1.0, EDGE_ALLOWANCE, 0.0), SPEEDS) * wanted
     share = np.where(settled & (wanted > 0.0), excess / np.where(wanted > 0.0, wanted, 1.0), -math.inf)

@@ -148,13 +148,13 @@ def _within_error(maker: Maker, request: Request, max_error: float) -> Placed:
     if placed is None:
         cause = f"takes more than {POINTS_MAX} breakpoints on an axis, or numbers finer than stored"
         if max_error <= maker.gap:
-            cause = f"is less than the {_degrees(maker.gap, up=True)} that the fine grid of the optimum is off by itself"
+            cause = f"is less than the error of the fine grid of the optimum itself, {_degrees(maker.gap, up=True)}"
         if request.max_flash is not None:
             raise BuildError(f"{_degrees(max_error)} {cause}", where="`max_error=`", remedy=_in_flash(maker, request.max_flash))
         raise BuildError(
             f"{_degrees(max_error)} {cause}",
             where="`max_error=`",
-            remedy=f"give more; {_reachable(maker, max_error)} can be reached for certain, and what lies between was not tried",
+            remedy=f"give a larger error; {_reachable(maker, max_error)} is known to be possible, smaller ones were not tried",
         )
     if request.max_flash is not None and placed.flash_bytes > request.max_flash:
         raise BuildError(
@@ -304,7 +304,7 @@ class Maker:
         if tables is None:
             return None
         best: Placed | None = None
-        for spacing in sorted(spacings, reverse=True):  # the uneven one bounds what is worth searching for the even one
+        for spacing in sorted(spacings, reverse=True):  # the size of the uneven table limits the search for the even one
             best = self._for_error(spacing, max_error, tables, math.inf if best is None else best.flash_bytes) or best
         if best is None:
             return None

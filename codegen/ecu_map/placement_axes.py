@@ -7,8 +7,8 @@ most add up. Errors are computed on a lattice several times finer than any cell.
 either end (`Axis`), is searched in the same way: the longest end cells, then the fewest even ones between them.
 
 A layout has the numbers that tables hold, and the yaw rates that the lookup computes from them. A bound on an error is one in
-rad/s. The error of a rear angle counts as the yaw rate that the linear car makes of it without being steered otherwise: the
-angle times the passive yaw gain G. A law that looks the rear angle up steers by it, or lets its reference model steer by it.
+rad/s. The error of a rear angle is converted to a yaw rate: the angle times the passive yaw gain G of the linear car. A law
+that looks up the rear angle commands it, or applies it to its reference model.
 """
 
 from __future__ import annotations
@@ -256,7 +256,7 @@ class Strips:
         return worst
 
     def longest(self, low: int, bound: float, stride: int = 1) -> int:
-        """Return the farthest end of a cell from a point of the lattice that keeps the bound (at least the next point)."""
+        """Return the end of the longest cell from `low` that keeps the bound: an index of the lattice, at least low + 1."""
         last = self.x.size - 1
         good, reach = low + 1, max(stride, 2)
         while low + reach < last and self.error(low, low + reach) <= bound:

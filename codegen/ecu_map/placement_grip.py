@@ -6,13 +6,13 @@ the tyre's peak there is no turn without grip bounds. So the optimum is solved o
 
 - the limit: where a slip bound, the bound on lateral acceleration or the stability limit ends the turns. Beyond an edge it is
   constant; where another bound ends the turns first, it is the nearest known limit at that speed;
-- the demand: the optimum where no grip bound is active, and its slope beyond that; beyond an edge that
-  sideslip or the rear angle set, and beyond the last front angle, with the passive car's gain, as in `extend`. Up to that last
-  angle it need not exceed the limit by more than ABOVE.
+- the demand: the optimum where no grip bound is active, continued with its slope. Beyond the last front angle, and beyond an
+  edge that sideslip or the rear angle sets, it continues with the passive car's gain, as in `extend`. Up to the last front
+  angle, it is cut to at most ABOVE over the limit.
 
 A map that bends towards its cap (`optimum.demand`) meets no limit of grip. Its limit is constant, its demand is the map itself.
 
-The smaller of both is the optimum. Each is smooth where they meet, so that a table of each preserves the kink between them. The
+The optimum is the smaller of demand and limit. Both are smooth where they meet, so separate tables preserve the kink. The
 rear angle of the demand is chosen so that the lookup, which adds the linear car's rear angle for the difference
 (`lookup.capped_rear_angle`), returns that of the optimum.
 """
@@ -92,7 +92,7 @@ def grip_surfaces(
     gain = turns.problem.car.yaw_gain(speeds)[:, np.newaxis]
     rows = [_row(angles, float(gain[i, 0]), optimum[:, i]) for i in range(points)]
     asked, line, rear_angle, left, least = (np.array(table) for table in zip(*rows, strict=True))
-    # Where another bound limits the optimum, the grip limit of neighbouring points must not limit it.
+    # An optimum that another bound limits must stay below the grip limit interpolated from the neighbouring points.
     known = _between_rows(speeds, left * speeds[:, np.newaxis])
     acceleration = np.fmax(np.where(np.isnan(known), cap, known), least * speeds[:, np.newaxis])
     if turns.problem.is_bent:

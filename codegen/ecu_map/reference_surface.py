@@ -5,8 +5,8 @@ bounds, the optimum is the smaller of the optimum *without the grip bounds* and 
 alone, and the objective falls with |r|. The lookup applies ay_cap / speed by itself, so that a table of the optimum without the
 grip bounds, continued, meets the kink between both exactly, wherever its cells lie. With the nonlinear tyre, the limit of grip
 is a surface too (`placement_grip`), with a table of its own; a map that bends towards its cap needs none. Where sideslip or the
-rear angle end it, and beyond the last angle of the map, it goes on with the passive car's gain, as in `extend`; below the first
-speed and angle it is linear to zero, and the rear angle holds below the first speed.
+rear angle end it, and beyond the last angle of the map, it continues with the passive car's gain, as in `extend`. Below the
+first speed and the first front angle, the yaw rate falls linearly to zero. Below the first speed, the rear angle is constant.
 
 For any other map only its own table is known. The reference is then its bilinear interpolation, extended.
 """

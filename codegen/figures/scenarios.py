@@ -39,7 +39,7 @@ from codegen.figures.runs import (
     until_spin,
     whole_window,
 )
-from codegen.metrics.sine_with_dwell import DISPLACEMENT_TIME, RATIOS, SineWithDwell
+from codegen.metrics.sine import DISPLACEMENT_TIME, RATIOS, SineWithDwell
 from hil_sim.metrics import steering_response
 from hil_sim.metrics.run import LookUp, Run, spin_time
 from hil_sim.scenarios import Scenario

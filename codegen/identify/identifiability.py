@@ -1,7 +1,7 @@
 """Quantities that the drives determine, and combinations that they do not.
 
-In the scaled parameters z the prior is a unit sphere. The drives say nothing about a direction in which the estimate is hardly
-narrower than the prior. It is named by the quantities that it moves.
+In the scaled parameters z the prior is a unit sphere. A direction in which the estimate is hardly narrower than the prior is
+not determined by the drives. Reports name such a direction by the quantities that change along it.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from codegen.identify.parameters import Parameter
 SHARE_MAX = 0.3
 """Largest standard deviation of a determined quantity or direction, as a fraction of its spread before the drives."""
 WEAK_SHARE_MAX = 0.6
-"""The same of a weakly determined quantity."""
+"""Largest standard deviation of a weakly determined quantity, as the same fraction."""
 NOTHING = 0.95
-"""From this fraction on, the drives say nothing about a quantity. Such quantities are named one by one."""
+"""From this fraction on, the drives do not determine a quantity at all. Such quantities are named one by one."""
 COMPONENT_MIN = 0.35
 """Smallest component, of a unit vector, of a quantity that is named in a direction."""
 

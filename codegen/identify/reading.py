@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.signal import firwin, upfirdn
 
 from codegen.arrays import FloatArray
 from codegen.errors import CodegenError, suggestion
@@ -19,11 +21,24 @@ from codegen.identify.drive import Drive
 from codegen.identify.findings import REMARK, UNUSED, Finding, merged
 from codegen.identify.names import NO_SETTINGS, Names, SignalChoice, line_of
 from codegen.identify.quantities import QUANTITIES, REQUIRED, Quantity
-from codegen.identify.resampling import TIME_RESOLUTION_S, resample
 from codegen.importing.quantities import BRACKETED, unit_of
 from codegen.logs.account import BusLog
 from codegen.logs.databases import Databases
 from codegen.logs.measurement import Account, Samples
+
+_FILTER_STEPS = 5
+"""Half length of the filter in steps of the grid. So many steps beside a gap and at both ends have no value."""
+_KAISER_BETA = 5.0
+"""Window of the filter: at least 53 dB above half of the grid's rate (J. F. Kaiser, 1974). With this length the transition is
+0.31 of that rate wide, half of it above the cutoff."""
+_CUTOFF = 0.335
+"""Cutoff as a fraction of the grid's rate."""
+_TIME_RESOLUTION_S = 2e-6
+"""Difference below which two times of a log are equal: ASC and candump have 1 us, a float64 of Unix time 0.24 us."""
+_FACTOR_MAX = 50
+"""Largest number of filtered samples in a step: of an even faster signal every so many samples suffice."""
+_FASTER = 1.25
+"""Ratio of the rates up to which a signal is not filtered."""
 
 STEPS_MAX = 4_000_000
 """Largest number of steps of a drive: eleven hours at 10 ms."""
@@ -204,7 +219,7 @@ def _signed(samples: Samples, flags: Samples, where: str) -> Samples:
 def _grid(read: Mapping[str, Conditioned], step: float, path: Path) -> FloatArray:
     """Return times (n,) from 0 to the last sample. Raises CodegenError for a drive that is too short or too long."""
     end = max(float(one.time[-1]) for one in read.values())
-    count = int((end + TIME_RESOLUTION_S) / step) + 1
+    count = int((end + _TIME_RESOLUTION_S) / step) + 1
     if count < 2:
         raise CodegenError(f"it lasts {end:.3g} s", where=path, remedy="log longer, or choose a shorter sampling_time_s")
     if count > STEPS_MAX:
@@ -322,3 +337,45 @@ def _unit_of(channel: Channel, quantity: Quantity, names: Names, path: Path) -> 
     fitting = " or ".join(f'"{each}"' for each in quantity.units)
     line = line_of(quantity.key, [channel.path], "UNIT")
     raise CodegenError(what, where=f"{path}: {channel.path}", remedy=f"put {line} into names.toml, where UNIT is {fitting}")
+
+
+def resample(signal: Conditioned, grid: FloatArray, *, is_held: bool) -> FloatArray:
+    """Return the values (n,) of a signal on a uniform grid (n,); NaN outside of its samples, in gaps and beside NaN.
+
+    A measured quantity is interpolated linearly between its own time stamps, which shifts no phase. Holding the last sample
+    would delay the signal by half of its sampling time, and differences of delays between signals are identified. A command is
+    held, because the actuator holds it from one frame to the next. A signal that is sampled faster than the grid passes a
+    symmetric filter first, without phase, so that its higher frequencies do not appear as lower ones.
+
+    Args:
+        signal: samples at their own times.
+        grid: s, on the same clock.
+        is_held: hold each sample until the next one; else interpolate.
+    """
+    step = float(grid[1] - grid[0])
+    factor = min(math.ceil(step / signal.period - (_FASTER - 1.0)), _FACTOR_MAX)
+    if factor < 2:
+        return _at(signal, grid, is_held)
+    fine = grid[0] + step / factor * np.arange(factor * (grid.size - 1) + 1)
+    half = _FILTER_STEPS * factor
+    taps = firwin(2 * half + 1, 2.0 * _CUTOFF / factor, window=("kaiser", _KAISER_BETA))
+    beyond = np.full(half, np.nan)
+    padded = np.concatenate((beyond, _at(signal, fine, is_held), beyond))
+    # Output k of the convolution has the filter's middle at input k * factor - half, and the first `half` inputs are padding.
+    filtered: FloatArray = upfirdn(taps, padded, down=factor)[2 * _FILTER_STEPS : 2 * _FILTER_STEPS + grid.size]
+    return filtered
+
+
+def _at(signal: Conditioned, times: FloatArray, is_held: bool) -> FloatArray:
+    """Return the values at times (n,), interpolated or held within a pause that is no gap; NaN elsewhere."""
+    time, values = signal.time, signal.values
+    inside = (times >= time[0] - _TIME_RESOLUTION_S) & (times <= time[-1] + _TIME_RESOLUTION_S)
+    left = np.clip(np.searchsorted(time, times, side="right") - 1, 0, time.size - 2)
+    before, after = time[left], time[left + 1]
+    share = np.clip((times - before) / (after - before), 0.0, 1.0)
+    share[times - before <= _TIME_RESOLUTION_S] = 0.0
+    share[after - times <= _TIME_RESOLUTION_S] = 1.0
+    between = values[left] if is_held else values[left] + share * (values[left + 1] - values[left])
+    found = np.where(share == 0.0, values[left], np.where(share == 1.0, values[left + 1], between))
+    has_value = (share == 0.0) | (share == 1.0) | (after - before <= signal.pause_max)
+    return np.where(inside & has_value, found, np.nan)

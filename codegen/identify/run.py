@@ -23,8 +23,8 @@ from codegen.identify.start import actuator_start, starting_values
 
 RELAXATION_START_M = 0.2
 RATE_COST_MIN = 20.0
-"""Least rise of the cost without a rate limit with which the limit counts as reached: that of 6 standard deviations. Up to the
-limit, the cost does not depend on it, so its curvature at the largest rate that was reached proves nothing."""
+"""Smallest increase of the cost, when the rate limit is removed, that shows that the drives reached the limit: 6 standard
+deviations. A limit that is not reached has no effect on the cost, so the curvature of the cost cannot show it."""
 NO_SIDESLIP = (
     "no drive of `logs=` has sideslip: the common level of cornering stiffnesses and yaw inertia rests on the model, which "
     "leaves out roll; measure sideslip if a map is to keep its slip bounds exactly"
@@ -152,7 +152,7 @@ def judge(
     determined = {name for name, is_identified in zip(names, judged.is_identified, strict=True) if is_identified}
     shares = dict(zip(names, judged.shares.tolist(), strict=True))
     weak = {name for name in HANDLING if determined & set(HANDLING) and shares.get(name, 1.0) <= WEAK_SHARE_MAX} - determined
-    # What is free of a curve after `undetermined_curves` is taken with it; what is held beside a stiffness spreads as assumed.
+    # A parameter of a curve that is still free is identified with it. A held one keeps its assumed deviation.
     peaks = {name: curve[0] for curve in CURVES for name in curve}
     kept = {name for name, is_free in zip(names, fitted.free, strict=True) if is_free}
     for index, parameter in enumerate(fitted.problem.prior.parameters):
@@ -168,7 +168,7 @@ def judge(
             note = f"not determined alone, but as a part of its curve; alone: {parameter.manoeuvre}"
         if name in kept and (others := [other for other, peak in peaks.items() if peak == name and other not in kept]):
             titles = ", ".join(BY_NAME[other].title for other in others)
-            note = f"with {titles} as configured, for whose errors its deviation allows"
+            note = f"with {titles} as configured; the deviation includes errors of these values"
         if name in weak:
             note = f"weakly determined; better with: {parameter.manoeuvre}"
         is_kept = name in kept & (determined | peaks.keys() | weak)

@@ -18,8 +18,7 @@ from codegen.judgement.passive import PassiveTurns
 from codegen.map_file.map import ReferenceMap
 from codegen.metrics import Runs, SineWithDwell, StepResponse
 from codegen.metrics.runs import COLUMNS, largest, spin_times
-from codegen.metrics.sine import SineResponse
-from codegen.metrics.sine_with_dwell import RATIOS, displacement_min
+from codegen.metrics.sine import RATIOS, SineResponse, displacement_min
 from codegen.units import KM_H
 from hil_sim.scenarios import DEFAULT, SCENARIOS, Scenario
 

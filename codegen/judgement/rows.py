@@ -33,7 +33,7 @@ from codegen.judgement.steady import (
     SteadyFigures,
 )
 from codegen.metrics.runs import SPIN_SIDESLIP
-from codegen.metrics.sine_with_dwell import RATIOS
+from codegen.metrics.sine import RATIOS
 from codegen.units import KM_H
 from codegen.vehicle.tyre import MagicFormulaTyre, slip_bounds, static_wheel_loads
 

@@ -1,4 +1,4 @@
-"""Comparisons of maps, and the size of their tables."""
+"""Comparisons of maps, the size of their tables, and the reproduction of the paper."""
 
 from __future__ import annotations
 
@@ -27,6 +27,9 @@ from codegen.text import text_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+from codegen.library.result import path_of
 
 
 class Difference(Result):
@@ -114,3 +117,33 @@ def flash_sizes(map: MapLike, config: ConfigLike | None = None, *, progress: Pro
     tables = 2 if law_of(chosen.config).uses_rear_angle else 1
     with within(place_of(found)), Work(progress).stage("placing breakpoints") as tell:
         return FlashSizes(found, flash_table(found.reference_map, chosen.config, tables, progress=tell), chosen.notes)
+
+
+class Paper(Result):
+    """The paper's tables beside ours, and the files that were written."""
+
+    def __init__(self, folder: PathLike, progress: Progress | None) -> None:
+        with Work(progress).stage("reproducing the paper") as tell:
+            tell(0, 1, "loading")
+            from codegen.report.paper import reproduce
+
+            self._found = reproduce(path_of(folder, "a folder"), done=tell)
+
+    def lines(self) -> list[str]:
+        """Return the tables."""
+        return list(self._found.lines())
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the same figures."""
+        return self._found.to_dict()
+
+
+@public
+def paper(folder: PathLike, *, progress: Progress | None = None) -> Paper:
+    """Reproduce the paper: solve its three maps, build the C, run C1 and C2, and compare its tables with ours.
+
+    Args:
+        folder: for maps, C, plots, runs and the report.
+        progress: called with the share of the work that is done.
+    """
+    return Paper(folder, progress)

@@ -1,4 +1,4 @@
-"""Test suites: the controller and its baselines in all cells, on random cars, and on the maps of other references."""
+"""Scenarios, and test suites: all cells with the baselines, random cars, and the maps of other references."""
 
 from __future__ import annotations
 
@@ -28,6 +28,11 @@ from hil_sim.suite.subjects import of_folder, recommended
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+from dataclasses import asdict
+
+from hil_sim.scenarios import listing
 
 SUITES = ("tracking", "cars", "references")
 NAMED = 3
@@ -194,3 +199,30 @@ def instructions_of_step(files: Mapping[str, bytes], manifest: Mapping[str, Any]
     """Count the instructions of the longest step found. Raises CodegenError: see `codegen.verify.budgets.measure`."""
     count = measure_step(Subject("the tested build", files, manifest), Effort())
     return (count.instructions_with_limiter or count.instructions).max
+
+
+class Scenarios(Result):
+    """The built-in scenarios; `names` lists them."""
+
+    def __init__(self) -> None:
+        self._listed = listing()
+        self.names = tuple(each.name for each in self._listed)
+
+    def lines(self) -> list[str]:
+        """Return the scenarios with their descriptions, sources and bus faults."""
+        lines = []
+        for entry in self._listed:
+            lines += [f"{entry.name}: {entry.what} ({entry.duration_s:g} s)", f"    {entry.source}"]
+            lines += [f"    fault: {fault}" for fault in entry.faults]
+        own = "Your own: a recorded .csv, or a .toml with base, changes and [[faults]]; see docs/interface.md."
+        return [*lines, f"\n{own}"]
+
+    def to_dict(self) -> Any:
+        """Return a list of the same."""
+        return [asdict(entry) for entry in self._listed]
+
+
+@public
+def scenarios() -> Scenarios:
+    """Return the built-in scenarios."""
+    return Scenarios()

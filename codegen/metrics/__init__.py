@@ -8,7 +8,7 @@ import numpy as np
 
 from codegen.arrays import FloatArray
 from codegen.metrics.runs import Extremes, FigureTable, Runs, spin_times
-from codegen.metrics.sine_with_dwell import SineWithDwell
+from codegen.metrics.sine import SineWithDwell
 from codegen.metrics.step import SlipOfBound, StepResponse
 
 Figures = dict[str, FloatArray]

@@ -149,8 +149,11 @@ class NonlinearTurns:
         return self.at_with_grip(speed, front_angle)[0]
 
     def at_with_grip(self, speed: FloatArray, front_angle: FloatArray) -> tuple[Solution, FloatArray]:
-        """The same, and the yaw rates (n,) in rad/s at which grip (a slip bound, that on lateral acceleration or the stability
-        limit) ends the turns of each pair, feasible or not; NaN where another bound does so before."""
+        """Return the result of `at`, and the grip limit of each pair: the yaw rates (n,) in rad/s at which its turns end.
+
+        Grip ends them by a slip bound, the bound on lateral acceleration or the stability limit. Infeasible pairs have a limit
+        too. It is NaN where another bound ends the turns first.
+        """
         points = Points(speed, front_angle)
         found = self._found(points)
         turns = found.turns

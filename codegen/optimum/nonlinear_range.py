@@ -6,9 +6,9 @@ comes too near to the stability limit (`problem.STABILITY_MARGIN`). At that limi
 determinant of the plant's Jacobian over lateral speed and yaw rate is zero: it is the critical speed of the linear car, which
 now depends on the turn.
 
-Along the curve both slip angles, the sideslip and the rear angle fall with r. So each bound is met once, those above zero from
-the infeasible side and those below it from the feasible one, and what is left is one interval. Samples of the curve bracket
-all meetings; Newton's method on the turn and the bound together finds them.
+Along the curve both slip angles, the sideslip and the rear angle fall with r. So each limit is crossed once,
+and the feasible yaw rates are one interval: upper limits exclude the yaw rates below their crossing, lower limits those above.
+Samples of the curve bracket every crossing; Newton's method on the turn and the limit together finds it.
 """
 
 from __future__ import annotations

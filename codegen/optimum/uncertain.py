@@ -46,7 +46,7 @@ STEP_MAX = 1.0
 USE_MAX = 2.0
 """Largest use of a limit that counts in the first sample; a car without a steady turn would need infinitely much."""
 ROUNDING = 1e-6
-"""Excess of a limit, as a fraction of it, that still counts as keeping it: rounding of cells at a limit."""
+"""Tolerance of a limit, as a fraction of it: cells at a limit exceed it by rounding."""
 
 KEYS = {bound.limit: index for index, bound in enumerate(BOUNDS) if bound.limit in Tightening.model_fields}
 """Key of `[tightening]` -> index of the bound. The lateral acceleration is the same for all cars, and has none."""

@@ -126,7 +126,7 @@ decays within about a hundred steps, or about a thousand near the limit of grip,
 random cars with and without vectors, step steer and sine with dwell, it was at most 1.5e-13 rad/s and 1.6e-12 m/s^2."""
 
 DIFFERENCE_MAX_FLIPPED = 1e-6
-"""The same limit if a measured signal rounds to the other neighbour in single precision.
+"""Limit of the difference if a measured signal rounds to another float32 value than in the loop.
 
 This happens about once in ten million samples: 6e-8 rad of front angle are 5e-7 rad/s of reference at 8 (rad/s)/rad."""
 

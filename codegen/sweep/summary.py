@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.arrays import FloatArray
-from codegen.metrics.sine_with_dwell import RATIOS, displacement_min
+from codegen.metrics.sine import RATIOS, displacement_min
 from codegen.sweep.lanes import MASS_KEY
 from codegen.sweep.plan import Plan
 from codegen.sweep.store import YES_NO, read_batches
@@ -211,7 +211,7 @@ def _count(outcome: Outcome, names: list[str], table: Mapping[str, npt.NDArray[A
 
 
 def _count_failures(failed_by: dict[str, int], table: Mapping[str, npt.NDArray[Any]], plan: Plan) -> None:
-    """Count the failures by criterion of `codegen.metrics.sine_with_dwell` (FMVSS 126, S5.2); a run that spins counts as a
+    """Count the failures by criterion of `codegen.metrics.sine` (FMVSS 126, S5.2); a run that spins counts as a
     spin only."""
     spun = table["spun_at_s"]
     mass = table.get(MASS_KEY, np.full(spun.size, plan.config.vehicle.mass_kg))

@@ -9,7 +9,7 @@ from typing import Any
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.metrics.runs import Runs
-from codegen.metrics.sine_with_dwell import DISPLACEMENT, RATIOS, SineWithDwell, displacement_min
+from codegen.metrics.sine import DISPLACEMENT, RATIOS, SineWithDwell, displacement_min
 from codegen.metrics.step import SlipOfBound, StepResponse
 from codegen.text import distinct
 from hil_sim.metrics.run import Metric, Run, common, rows_of

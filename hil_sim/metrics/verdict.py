@@ -11,7 +11,7 @@ import numpy as np
 from codegen.arrays import BoolArray, FloatArray
 from codegen.ecu_map.total import Rule
 from codegen.emit.limiter_view import limiter_bounds
-from codegen.metrics.sine_with_dwell import MEETS_CRITERIA
+from codegen.metrics.sine import MEETS_CRITERIA
 from codegen.sil.software import Status
 from codegen.units import KM_H
 from codegen.vehicle.tyre import slip_bounds

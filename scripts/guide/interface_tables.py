@@ -125,7 +125,7 @@ def c_functions(header: str) -> str:
 def judgement() -> str:
     """Every figure of the judgement of a car with its requirement."""
     from codegen.judgement import rows, steady
-    from codegen.metrics.sine_with_dwell import DISPLACEMENT_MIN, DISPLACEMENT_MIN_HEAVY, HEAVY_MASS, RATIOS
+    from codegen.metrics.sine import DISPLACEMENT_MIN, DISPLACEMENT_MIN_HEAVY, HEAVY_MASS, RATIOS
     from codegen.units import KM_H
 
     speed = f"{steady.CHARACTERISTIC_SPEED / KM_H:.0f} km/h"

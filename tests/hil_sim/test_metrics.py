@@ -10,7 +10,7 @@ import pytest
 from codegen.configuration import Config
 from codegen.errors import CodegenError
 from codegen.metrics import SineWithDwell
-from codegen.metrics.sine_with_dwell import DWELL_LENGTH
+from codegen.metrics.sine import DWELL_LENGTH
 from codegen.sil.software import RECORD_COLUMNS, Software
 from hil_sim.bench import run
 from hil_sim.faults import Fault

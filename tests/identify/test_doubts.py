@@ -9,10 +9,9 @@ import pytest
 
 from codegen.configuration import parse, preset, preset_text
 from codegen.identify import held as holding
-from codegen.identify.doubts import doubts
 from codegen.identify.held import undetermined_curves
 from codegen.identify.identifiability import analyse
-from codegen.identify.model_error import ERROR_FACTOR, model_error, with_model_error
+from codegen.identify.outcome import ERROR_FACTOR, doubts, model_error, with_model_error
 from codegen.identify.parameters import BY_NAME, CURVES
 from codegen.identify.reached import Reached, axle_forces, held_means, reached, slip_limit, tyres_of
 from codegen.identify.result import identified_toml

@@ -16,8 +16,10 @@ from codegen.identify.drive_plan import (
     BENCH_SIGNALS,
     DrivePlan,
     candidates_of,
+    criterion,
     of_interest,
     plan_drives,
+    select,
     shares_of,
     signals_of,
 )
@@ -25,7 +27,6 @@ from codegen.identify.information import information_of
 from codegen.identify.names import Names
 from codegen.identify.parameters import BY_NAME, configured
 from codegen.identify.plan_output import files_of
-from codegen.identify.selection import criterion, select
 from codegen.sil.software import RECORD_COLUMNS
 from codegen.units import DEGREE
 from codegen.vehicle.dynamics import two_track

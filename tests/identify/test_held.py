@@ -45,7 +45,7 @@ def test_what_is_held_keeps_its_value_and_spreads_as_was_assumed() -> None:
     assert 0.5 * one.parameter.spread < one.standard_deviation < one.parameter.spread
     assert one.note.startswith("as configured, with an assumed deviation; drive: slowly increasing steer")
     assert peak.is_identified
-    assert peak.note == "with front C, front load sensitivity as configured, for whose errors its deviation allows"
+    assert peak.note == "with front C, front load sensitivity as configured; the deviation includes errors of these values"
 
 
 def test_a_curve_that_was_not_driven_beyond_its_slip_bound_spreads_as_was_assumed() -> None:

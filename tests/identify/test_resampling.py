@@ -5,7 +5,7 @@ import pytest
 
 from codegen.arrays import FloatArray
 from codegen.identify.conditioning import Conditioned
-from codegen.identify.resampling import resample
+from codegen.identify.reading import resample
 
 STEP = 0.01
 GRID = STEP * np.arange(2000)
