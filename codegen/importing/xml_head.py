@@ -30,7 +30,7 @@ def refuse_declarations(parser: Any, path: Path) -> None:
     parser.EntityDeclHandler, parser.AttlistDeclHandler = entity, attribute
 
 
-def check_head(content: bytes, path: Path) -> None:
+def check_head(content: bytes | str, path: Path) -> None:
     """Check the declarations of a file that a library parses. Other faults are left to the library. Raises CodegenError."""
 
     def end(*_: object) -> None:

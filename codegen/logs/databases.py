@@ -213,8 +213,11 @@ def load_database(path: Path) -> Loaded:
             if kind == ".dbc":
                 found, left_out = _load_dbc(path, findings)
             else:
-                check_head(read_file(path, DATABASE_BYTES_MAX, "give an ARXML"), path)
-                found = database.load_file(path, database_format="arxml", strict=False)  # type: ignore[assignment]
+                text = _text(read_file(path, DATABASE_BYTES_MAX, "give an ARXML"), path)
+                check_head(text, path)
+                found = database.load_string(text, "arxml", strict=False)  # type: ignore[assignment]
+                for message in found.messages:
+                    findings.extend(_without_wrong_scales(message))
     except CodegenError:
         raise
     except Exception as error:  # readers may raise anything
@@ -228,6 +231,19 @@ def load_database(path: Path) -> Loaded:
     for message in found.messages:
         _lengthen(message)
     return Loaded(path, found, (*findings, *warnings), left_out)
+
+
+def _without_wrong_scales(message: Message) -> Iterator[str]:
+    """Remove the signals of a message of an ARXML whose values would be 0, infinite or NaN, and yield a finding on each."""
+    for part in message.contained_messages or ():
+        yield from _without_wrong_scales(part)
+    for signal in list(message.signals):
+        for name, number in (("factor", float(signal.scale)), ("offset", float(signal.offset))):
+            if not math.isfinite(number) or (name == "factor" and number == 0.0):
+                yield f"{message.name}.{signal.name} is left out: its {name} is {number:g}; write finite V of its COMPU-METHOD"
+                message.signals.remove(signal)
+                break
+    message.refresh(strict=False)
 
 
 def _lengthen(message: Message) -> None:
@@ -314,7 +330,7 @@ def _load_dbc(path: Path, findings: list[str]) -> tuple[Database, list[LeftOut]]
 
 
 def _text(data: bytes, path: Path) -> str:
-    """Return the text of a DBC: UTF-16 with its mark, else see `decoded`. Raises CodegenError: UTF-16 without its mark."""
+    """Return the text of a database: UTF-16 with its mark, else see `decoded`. Raises CodegenError: UTF-16 without its mark."""
     if data[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
         return data.decode("utf-16", "replace")
     refuse_utf16(data, path)

@@ -685,7 +685,14 @@ def test_unsuitable_arguments_are_rejected(refused: Refused, tmp_path: Path) -> 
     other = tmp_path / "other.dcm"
     other.write_text("KONSERVIERUNG_FORMAT 2.0\nFESTWERT a.b\n  WERT 1\nEND\n")
     command = ("calibrate", "--build", BUILD)
+    empty, wide = tmp_path / "empty.s19", tmp_path / "wide.s19"
+    empty.write_bytes(b"")
+    wide.write_text(image.read_text(), encoding="utf-16-le")
     for arguments, words in (
+        ((good, "--image", empty, "-o", "a.s19"), "empty; save or copy it again"),
+        ((good, "--image", wide, "-o", "a.s19"), "it is in UTF-16; save it as UTF-8"),
+        ((good, "--image", image, "--addresses", empty, "-o", "a.s19"), "empty.s19: empty; save"),
+        ((good, "--image", image, "--addresses", wide, "-o", "a.s19"), "wide.s19: it is in UTF-16; save"),
         ((good, "-o", "set.bin"), "give the image to patch with --image"),
         ((good, "-o", good), "it is an input of this command"),
         ((good, good, good), "3 files"),

@@ -1,12 +1,15 @@
 """Databases as they are in use: encodings, lines that break the rules, identifiers that occur twice, addresses of J1939."""
 
+import re
 from pathlib import Path
 
 import pytest
 
 from codegen.errors import CodegenError
+from codegen.export.arxml.export import export
 from codegen.logs.databases import Databases, load_database
 
+GENERATED = Path(__file__).resolve().parents[2] / "generated"
 DBC = """VERSION ""
 NS_ :
 BS_:
@@ -109,6 +112,36 @@ def test_a_signal_beyond_its_message_does_not_hide_the_others(place: str, tmp_pa
     message = load_database(write(tmp_path, text)).database.get_message_by_name("Motion")
     assert message.decode(bytes([0, 0, 100, 0, 0, 0, 0, 0]), allow_truncated=True) == {"YawRate": 0.5}
     assert message.decode(bytes([0, 0, 100, *[0] * 7]), allow_truncated=True) == {"YawRate": 0.5, "Far": 0}
+
+
+@pytest.fixture(scope="session")
+def arxml() -> str:
+    folder = export(GENERATED / "4ws2", "transformer")
+    return folder.folder.files[folder.arxml].decode()
+
+
+@pytest.mark.parametrize(
+    ("numbers", "reason"), [("0 INF 1", "factor is inf"), ("NaN 1 1", "offset is nan"), ("0 1 INF", "factor is 0")]
+)
+def test_a_signal_of_an_arxml_with_a_wrong_scale_is_left_out(numbers: str, reason: str, arxml: str, tmp_path: Path) -> None:
+    path, values = tmp_path / "car.arxml", iter(numbers.split())
+    path.write_text(re.sub(r"(?<=<V>)[^<]*", lambda match: next(values, match[0]), arxml), encoding="utf-8")
+    found = load_database(path)
+    assert any(f"VehicleMotion.Motion_Crc is left out: its {reason}; " in finding for finding in found.findings)
+    names = [signal.name for signal in found.database.get_message_by_name("VehicleMotion").signals]
+    assert "Motion_Crc" not in names and "Speed" in names
+
+
+def test_an_arxml_in_utf_16_is_read_with_its_mark_and_named_without(arxml: str, tmp_path: Path) -> None:
+    path = tmp_path / "car.arxml"
+    path.write_text(arxml, encoding="utf-16")
+    assert len(load_database(path).database.messages) == 3
+    path.write_text(arxml, encoding="utf-16-le")
+    with pytest.raises(CodegenError, match="it is in UTF-16; save it as UTF-8"):
+        load_database(path)
+    path.write_text('<!DOCTYPE a [<!ENTITY b "c">]>' + arxml.partition("?>")[2], encoding="utf-16")
+    with pytest.raises(CodegenError, match="declares"):
+        load_database(path)
 
 
 def test_signals_of_no_message_are_left_out_with_a_finding(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from codegen.errors import BuildError, CodegenError
 from codegen.export.a2l import fill
 from codegen.export.calibration.layout import CalibrationObject, Layout, Values, layout_of_a2l, read_layout
 from codegen.export.elf import ELF_BYTES_MAX, Elf
-from codegen.files import read_file
+from codegen.files import read_file, refuse_empty, refuse_utf16
 from codegen.limits import Limits
 from codegen.requirements import missing
 
@@ -137,6 +137,7 @@ def _layout_of_elf(elf: Elf, build: Path, layout: Layout) -> Layout:
 def _placed(addresses: Path, build: Path, layout: Layout) -> Layout:
     """Return the layout with the addresses at which a programmer writes, of an ELF or an A2L."""
     content = read_file(addresses, ELF_BYTES_MAX, "give the ELF of the image, or its A2L", BuildError)
+    refuse_empty(len(content), addresses, BuildError)
     if not content.startswith(ELF_MAGIC):
         return layout_of_a2l(addresses, layout)
     elf = Elf(str(addresses), content)
@@ -149,6 +150,8 @@ def _placed(addresses: Path, build: Path, layout: Layout) -> Layout:
 
 def _records(content: bytes, path: Path) -> Any:
     """Return the `bincopy.BinFile` of an S-record or Intel HEX file. Raises CodegenError."""
+    refuse_empty(len(content), path, BuildError)
+    refuse_utf16(content, path, BuildError)
     if content[:1] not in (b"S", b":"):
         raise BuildError("neither ELF, S-record nor Intel HEX", where=path, remedy=IMAGE_REMEDY)
     try:

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from codegen.emit.folder import read_files
 from codegen.emit.manifest import read_build
 from codegen.errors import BuildError
-from codegen.files import read_file
+from codegen.files import read_file, refuse_utf16
 
 A2L_BYTES_MAX = 16 * 2**20
 
@@ -166,6 +166,7 @@ def layout_of_a2l(path: Path, build: Layout) -> Layout:
 
 def read_layout(content: bytes, prefix: str, where: object) -> Layout:
     """Read the text of an A2L. Raises BuildError: it is not an A2L as codegen writes it."""
+    refuse_utf16(content, where, BuildError)
     text = content.decode("ascii", "replace")
     try:
         objects = dict(_objects(text))
