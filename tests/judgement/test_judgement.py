@@ -185,8 +185,9 @@ def test_damaged_judgements_are_out_of_date(weak_map: ReferenceMap, weak: Judgem
 
 def test_a_build_takes_a_valid_judgement_along_and_its_c_does_not_change(weak_map: ReferenceMap, weak: Judgement) -> None:
     options, inputs = BuildOptions("weak"), BuildInputs("weak.npz", "0" * 64, "map")
-    with_one = judged.with_judgement(weak_map.with_config(FEEDFORWARD), weak.to_dict())
-    plain, found = (build(each, FEEDFORWARD, options, inputs) for each in (weak_map, with_one))
+    without = weak_map.with_config(FEEDFORWARD)
+    with_one = judged.with_judgement(without, weak.to_dict())
+    plain, found = (build(each, FEEDFORWARD, options, inputs) for each in (without, with_one))
     assert found.files == plain.files
     assert found.manifest["build_id"] == plain.manifest["build_id"]
     assert "judgement" not in plain.manifest and of_manifest(plain.manifest).state == "missing"
