@@ -21,6 +21,7 @@ from codegen.cli.options import (
     build_option,
     bus_names,
     bus_option,
+    check_picture,
     clock_option,
     configuration_file,
     run_options,
@@ -66,7 +67,7 @@ class Outputs:
         check_formats(self.files)
         for path in self.files:
             check_output(path, path.suffix.lower(), inputs)
-        check_output(self.plot, ".png", inputs)
+        check_picture(self.plot, inputs)
         check_output(self.csv, ".csv", inputs)
         if self.log is not None:
             from hil_sim.logs import BusLog

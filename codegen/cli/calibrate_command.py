@@ -9,7 +9,7 @@ import click
 import codegen
 from codegen import console
 from codegen.cli.base import cli, example, json_option, show
-from codegen.cli.options import FileType, any_file, build_option, configuration_file, picture_to_write
+from codegen.cli.options import FileType, any_file, build_option, check_picture, configuration_file, picture_to_write
 from codegen.errors import CodegenError
 
 SET_ENDINGS = (".dcm", ".cdfx")
@@ -45,7 +45,7 @@ IMAGE_ENDINGS = (".elf", ".s19", ".hex")
     "--addresses", type=any_file, metavar="ELF|A2L", help="For S-record and Intel HEX: the program's ELF, or its A2L."
 )
 @click.option("--config", type=configuration_file, help="For .toml: the ars.toml whose keys are replaced.")
-@click.option("--plot", type=picture_to_write, metavar="PNG", help="Without -o: draw the differences.")
+@click.option("--plot", type=picture_to_write, metavar="PNG|SVG", help="Without -o: draw the differences.")
 @json_option
 def calibrate(
     build: Path,
@@ -73,7 +73,7 @@ def calibrate(
         else:  # a program on Linux has no extension; its copy may be named .elf
             wanted = image.suffix.lower() or (IMAGE_ENDINGS[0] if suffix else "")
         check_output(output, wanted, inputs)
-    check_output(plot, ".png", inputs)
+    check_picture(plot, inputs)
     found = codegen.calibrate(build, files, image=image, addresses=addresses, progress=console.shown)
     if output is not None:
         found.save(output, config)

@@ -203,7 +203,7 @@ configuration_file = FileType((".toml",))
 checked_path = FileType((".toml", ".npz"))
 build_folder = FileType((), builds=True)
 folder_to_write = FileType(())
-picture_to_write = FileType((".png",), to_write=True)
+picture_to_write = FileType((".png", ".svg"), to_write=True)
 csv_to_write = FileType((".csv",), to_write=True)
 run_to_write = FileType((".mf4", ".parquet", ".mat", ".csv"), to_write=True)
 report_to_write = FileType((".html",), to_write=True)
@@ -302,7 +302,7 @@ def result_options(command: Command) -> Command:
     """Add --plot, --csv and --json."""
     command = json_option(command)
     command = click.option("--csv", type=csv_to_write, metavar="CSV", help="Write the run, units in the column names.")(command)
-    return click.option("--plot", type=picture_to_write, metavar="PNG", help="Plot the run and the passive car.")(command)
+    return click.option("--plot", type=picture_to_write, metavar="PNG|SVG", help="Plot the run and the passive car.")(command)
 
 
 def run_options(command: Command) -> Command:
@@ -312,3 +312,12 @@ def run_options(command: Command) -> Command:
     for option in options:
         command = option(command)
     return command
+
+
+def check_picture(path: Path | None, inputs: Iterable[Path | None] = ()) -> None:
+    """Reject a picture that is neither PNG nor SVG, or that would destroy something: see `check_output`."""
+    from codegen.emit.outputs import check_output
+    from codegen.figures.draw import kind_of
+
+    if path is not None:
+        check_output(path, f".{kind_of(path)}", inputs)

@@ -23,6 +23,7 @@ from codegen.cli.base import show as show_result
 from codegen.cli.options import (
     build_folder,
     channel_option,
+    check_picture,
     configuration_file,
     folder_to_write,
     map_file,
@@ -44,7 +45,7 @@ SHOW_EXAMPLE = "codegen show 4ws2.npz --plot map.png\n  codegen show 4ws2.npz --
 
 @cli.command(short_help="Print the contents of a map, or plot it.", epilog=example(SHOW_EXAMPLE))
 @click.argument("map", metavar="MAP.npz", type=map_file)
-@click.option("--plot", type=picture_to_write, metavar="PNG", help="Also draw it: the map, both maps, or error against flash.")
+@click.option("--plot", type=picture_to_write, metavar="PNG|SVG", help="Draw the map, both maps, or error against flash.")
 @click.option(
     "--against", "second", type=map_file, metavar="OTHER.npz", help="Print the changes from this map to another one instead."
 )
@@ -57,9 +58,8 @@ SHOW_EXAMPLE = "codegen show 4ws2.npz --plot map.png\n  codegen show 4ws2.npz --
 @json_option
 def show(map: Path, plot: Path | None, second: Path | None, flash: bool, config: Path | None, as_json: bool) -> None:
     """Print a map: axes, units, ranges, feasibility and binding constraints, and the judgement of the car."""
-    from codegen.emit.outputs import check_output
 
-    check_output(plot, ".png", (map, config, second))
+    check_picture(plot, (map, config, second))
     if second is not None and flash:
         raise CodegenError("cannot be combined with --flash", where="--against", remedy="leave one of them out")
     if config is not None and not flash:

@@ -10,7 +10,7 @@ import click
 import codegen
 from codegen import console
 from codegen.cli.base import cli, example, json_option, show
-from codegen.cli.options import build_folder, configuration_file, folder_to_write, picture_to_write
+from codegen.cli.options import build_folder, check_picture, configuration_file, folder_to_write, picture_to_write
 from codegen.errors import CodegenError
 from codegen.files import resolved
 
@@ -50,7 +50,7 @@ class SuiteChoices:
             raise CodegenError("this suite draws no pictures", where=where, remedy="leave it out; --json has all figures")
         if len(self.files) > 1:
             raise CodegenError("a second folder for the pictures", where=self.files[1], remedy="name one")
-        check_output(self.plot, ".png")
+        check_picture(self.plot)
         for folder in self.files:
             if folder.exists() and not folder.is_dir():
                 raise CodegenError("not a folder", where=folder, remedy="name a folder for the pictures")
@@ -80,7 +80,7 @@ class SuiteChoices:
     metavar="TOML",
     help="Limits that differ from the suite's own, such as overshoot_percent = 5.0.",
 )
-@click.option("--plot", type=picture_to_write, metavar="PNG", help="Draw an overview.")
+@click.option("--plot", type=picture_to_write, metavar="PNG|SVG", help="Draw an overview.")
 @click.option("-o", "--output", "folder", type=folder_to_write, metavar="DIR", help="Folder for all pictures.")
 @json_option
 def suite(

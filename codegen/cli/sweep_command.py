@@ -10,7 +10,7 @@ import click
 import codegen
 from codegen import console
 from codegen.cli.base import cli, example, json_option, show
-from codegen.cli.options import configuration_file, folder_to_write, picture_to_write, run_to_write
+from codegen.cli.options import check_picture, configuration_file, folder_to_write, picture_to_write, run_to_write
 from codegen.errors import CodegenError
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ EXAMPLE = (
 @click.option(
     "--replay", "run", type=click.IntRange(min=0), metavar="RUN", help="Repeat one run of the campaign by its number."
 )
-@click.option("--plot", type=picture_to_write, metavar="PNG", help="With --replay: draw the run.")
+@click.option("--plot", type=picture_to_write, metavar="PNG|SVG", help="With --replay: draw the run.")
 @click.option(
     "--run", "run_path", type=run_to_write, metavar="FILE", help="With --replay: write it as .mf4, .parquet, .mat or .csv."
 )
@@ -82,8 +82,8 @@ def sweep(
         raise CodegenError("nothing says what varies", where="--spec", remedy=remedy)
     if run is not None:
         _refuse("--replay", {"--scheduler": scheduler, "--workers": workers})
-        for path, suffix in ((plot, ".png"), (run_path, "" if run_path is None else run_path.suffix.lower())):
-            check_output(path, suffix, (spec, measured))
+        check_picture(plot, (spec, measured))
+        check_output(run_path, "" if run_path is None else run_path.suffix.lower(), (spec, measured))
         if run_path is not None:
             check_formats((run_path,))
         replayed = codegen.replay(spec, run, measured=measured, folder=folder, isa=isa, progress=console.shown)

@@ -44,9 +44,12 @@ def tyre_charts(config: Config) -> list[Chart]:
         edge = math.degrees(bound)
         look = layout(
             xaxis=axis("Slip angle α (deg)", range=[0.0, math.degrees(slip_max)]),
-            yaxis=axis("Lateral force of one tyre (kN)", range=[lowest / 1e3, 1.08 * top / 1e3]),
+            yaxis=axis("Lateral force of one tyre (kN)", range=[lowest / 1e3, 1.1 * top / 1e3]),
             shapes=[span(0.0, edge, SKY, 0.25)],
-            annotations=[text(f"{edge:.3f} deg", edge, lowest / 1e3, xanchor="left", yanchor="bottom", xshift=5, yshift=5)],
+            annotations=[
+                text(f"{edge:.3f} deg", edge, lowest / 1e3, xanchor="left", yanchor="bottom", xshift=5, yshift=5),
+                *_load_notes(tyre, slip_max),
+            ],
         )
         limit = slip_limit_text(config.limits)
         caption = (
@@ -71,6 +74,15 @@ def slip_limit_text(limits: Limits) -> str:
     if limits.grip_use_max is not None:
         return f"{100.0 * limits.grip_use_max:g} % of the largest force (nonlinear tyre)"
     return f"linear range: within {limits.slip_departure_percent:g} % of the tangent"
+
+
+def _load_notes(tyre: MagicFormulaTyre, slip: float) -> Iterator[dict[str, Any]]:
+    """Yield the wheel load of each curve, above its end at the slip angle (rad)."""
+    for share in LOAD_SHARES:
+        load = share * tyre.static_load
+        words = f"{load / 1e3:.2f} kN{' (static)' if share == 1.0 else ''}"
+        place = {"xanchor": "right", "yanchor": "bottom", "xshift": -4, "yshift": 2}
+        yield text(words, math.degrees(slip), float(tyre.force(slip, load)) / 1e3, **place)
 
 
 def _tyre_lines(tyre: MagicFormulaTyre, slip: FloatArray) -> Iterator[dict[str, Any]]:

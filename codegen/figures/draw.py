@@ -111,10 +111,15 @@ def save(figure: Figure, path: Path) -> None:
         PlotError: another ending.
         CodegenError: the file cannot be written.
     """
+    write_atomically(path, to_bytes(figure, kind_of(path)))
+
+
+def kind_of(path: Path) -> str:
+    """Return "png" or "svg", by the ending of a name. Raises PlotError: another ending."""
     kind = path.suffix.lower().removeprefix(".")
     if kind not in ("png", "svg"):
         raise PlotError("only PNG and SVG pictures are written", where=path, remedy=f"name it {path.stem or 'picture'}.png")
-    write_atomically(path, to_bytes(figure, kind))
+    return kind
 
 
 def draw(picture: Picture) -> Figure:

@@ -328,7 +328,7 @@ def map_picture(reference_map: ReferenceMap, title: str) -> Picture:
     """Return a map over speed and front angle: its tables and binding constraints. A bare map shows only what it has."""
     first, *others = heat_map_charts(NamedMap(title, reference_map))
     charts: list[Chart | None] = [_with_entries(first, _infeasible_entry([reference_map])), *others]
-    columns = min(len(charts), 3 if len(charts) > 4 else 2)
+    columns = min(len(charts), 2)
     charts += [None] * (-len(charts) % columns)
     rows = [charts[k : k + columns] for k in range(0, len(charts), columns)]
     return Picture(rows, (4.6 * columns, 3.5 * len(rows) + 0.4), plain(title))

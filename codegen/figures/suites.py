@@ -269,15 +269,9 @@ def conditions_picture(result: SuiteResult) -> Picture:
     """Return the largest overshoot, sideslip and map error over the cells, and spins: a row for each condition."""
     panels = (
         (lambda each: each.overshoot_percent and symlog(each.overshoot_percent.value), _overshoot_axis(result)),
-        (
-            lambda each: each.sideslip_max_deg and each.sideslip_max_deg.value,
-            axis("Largest |sideslip| (deg)", rangemode="tozero"),
-        ),
+        (lambda each: each.sideslip_max_deg and each.sideslip_max_deg.value, axis("Largest |sideslip| (deg)")),
         (lambda each: each.map_error_percent and each.map_error_percent.value, axis("Error to the map, steady (%)")),
-        (
-            lambda each: float(len(each.spins)) or None,
-            axis(f"Spins, of {len(result.cells)} cells<br>(no mark: none)", rangemode="tozero"),
-        ),
+        (lambda each: float(len(each.spins)) or None, axis(f"Spins, of {len(result.cells)} cells<br>(no mark: none)")),
     )
     count = len(result.conditions)
     bands: Traces = [
@@ -298,9 +292,18 @@ def conditions_picture(result: SuiteResult) -> Picture:
         titles = [each.title if k == 0 else "" for each in result.conditions]
         y = axis("", tickvals=list(range(count)), ticktext=titles, range=[count - 0.5, -0.5], showgrid=False, ticks="")
         zero = [upright(0.0, dash="solid", width=1.0)] if k == 2 else []
-        charts.append(panel(_condition_marks(result, figure_of), x, y, shapes=bands + zero))
+        marks = _condition_marks(result, figure_of)
+        charts.append(panel(marks, {"range": _room(marks), **x}, y, shapes=bands + zero))
     title = "All cells under each condition; all but the spins are of those in which the car stays on the road"
     return Picture([charts], (13.0, 0.34 * count + 1.6), title, widths=(1.3, 1.0, 1.0, 0.8))
+
+
+def _room(marks: Traces) -> list[float]:
+    """Return a range of x with zero and all marks, and space for the outermost."""
+    values = np.concatenate([[0.0], *(trace["x"] for trace in marks)])
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    space = 0.04 * ((high - low) or 1.0)
+    return [low - space, high + space]
 
 
 def _overshoot_axis(result: SuiteResult) -> dict[str, Any]:
@@ -344,7 +347,7 @@ def friction_picture(result: SuiteResult) -> Picture:
     data.append(entry(f"limit for {plain(result.tested)}", INK, "dash", 1.2))
     label = "Largest |sideslip| (deg)<br>where the car stays on the road"
     below = panel(data, _road_axis(result, (", ",)), axis(label), shapes=shapes)
-    return Picture([[_spins_panel(result, (", ",))], [below]], (1.6 * len(roads) + 1.4, 6.0), FRICTION_TITLE)
+    return Picture([[_spins_panel(result, (", ",))], [below]], (1.35 * len(roads) + 1.4, 7.0), FRICTION_TITLE)
 
 
 def _spins_panel(result: SuiteResult, ends: Iterable[str], title: str = "") -> Chart:

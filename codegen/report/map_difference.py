@@ -401,7 +401,8 @@ def _use_charts(named: tuple[NamedMap, NamedMap], used: Uses) -> Iterator[Chart]
     tables = [None if use is None else np.fmax(use.front, use.rear) for use in used]
     highest = max((float(np.nanmax(table, initial=0.0)) for table in tables if table is not None), default=0.0)
     top = max(highest, BOUND + ABOVE_BOUND_MIN)
-    ticks = [*np.arange(0.0, BOUND, 25.0).tolist(), *np.linspace(BOUND, top, 3).round().tolist()]
+    between = [round(0.5 * (BOUND + top))] if top > 1.3 * BOUND else []
+    ticks = [*np.arange(0.0, BOUND + 1.0, 25.0).tolist(), *between, round(top)]
     bar = {"title": {"text": "slip, of its bound on the plant (%)"}, "tickvals": ticks}
     for one, table, which in zip(named, tables, ("first", "second"), strict=True):
         look, title = map_layout(one), f"Slip used, {which}: {plain(one_line(one.name, NAME_MAX))}"

@@ -69,6 +69,8 @@ def files(here: Path) -> None:
         (f"firmware --build {BUILD} -o itself", "itself: it is a link to itself"),
         ("suite trakking", "did you mean 'tracking'"),
         ("sil --suite trakking", "did you mean 'tracking'"),
+        (f"show {MAP} --plot map.pdf", "map.pdf: only PNG and SVG pictures are written; name it map.png"),
+        (f"{SIL} --plot run", "run: only PNG and SVG pictures are written; name it run.png"),
         ("suite cars --plot x.png", "--plot: this suite draws no pictures; leave it out"),
         (f"suite cars --build {BUILD}", "--build: the cars of this suite have builds of their own; leave it out"),
         ("sil --cars 3", "--cars: random cars belong to their suite; use codegen suite cars"),

@@ -48,6 +48,8 @@ def test_maps_are_compared_in_the_width_of_a_terminal(run: Run, maps: dict[str, 
     for start in ("yaw rate, first less second  ", "60 km/h, 2.00 deg  "):
         assert any(line.startswith(start) for line in lines)
     assert Path("difference.png").read_bytes().startswith(b"\x89PNG")
+    assert run("show", maps["linear"], "--plot", "map.svg").code == 0
+    assert Path("map.svg").read_bytes().startswith(b"<?xml")
     Path("heavy.toml").write_text(car_toml(f"[vehicle]\nmass_kg = 2000.0\n{GRID}"), encoding="utf-8")
     assert run("solve", "--config", "heavy.toml", "--case", "4ws-2", "-o", "heavy.npz").code == 0
     assert "different cars" in run("show", maps["linear"], "--against", "heavy.npz").err
