@@ -371,7 +371,10 @@ def test_invalid_files_are_rejected(tmp_path: Path, content: bytes, words: str) 
     message = refused(path)
     assert message.startswith(f"{tmp_path}/my car.toml")
     assert words in message
-    assert ("TOML syntax" in message, "UTF-8" in message) == (words.startswith("line"), words.startswith(("byte", "it is in UTF-16")))
+    assert ("TOML syntax" in message, "UTF-8" in message) == (
+        words.startswith("line"),
+        words.startswith(("byte", "it is in UTF-16")),
+    )
     assert "not a file" in refused(tmp_path)
     message = refused(tmp_path / "ars.toml")
     assert "No such file" in message and "codegen init" in message
