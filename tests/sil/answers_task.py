@@ -344,8 +344,11 @@ def check_command_stays_near_wheels(built: Built) -> None:
     until(drive.is_straight, 0)
     for side in (1.0, -1.0):
         drive.release(side * HELD)
-        waits = [run(side * wheels, 0) for wheels in (HELD, *[1.4 * HELD] * int(HELD / step))]
-        assert waits[-1] == waits[-2]
+        angle = run(side * HELD, 0)
+        for _ in range(5):
+            angle = run(angle, 0)
+        waits = [run(side * 1.4 * HELD, 0) for _ in range(int(HELD / step))]
+        assert waits[-1] == waits[-2] == angle
         assert abs(run(side * 1.2 * HELD, 0) - side * HELD) <= step + CODE_RAD, "but no farther out than control ended"
         until(drive.is_straight, 0)
     drive.release(HELD)
