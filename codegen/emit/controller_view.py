@@ -215,7 +215,7 @@ _STATE = (
 
 @dataclass(frozen=True)
 class ControllerView:
-    """What the templates of the controller print, in SI units.
+    """Values that the templates of the controller print, in SI units.
 
     Attributes:
         known: numbers for the self-test, see `known_values`.

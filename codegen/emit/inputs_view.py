@@ -190,7 +190,7 @@ def inputs_parameters(config: Config) -> tuple[Parameter, ...]:
 
 @dataclass(frozen=True)
 class InputsView:
-    """What the templates of the inputs print, in SI units."""
+    """Values that the templates of the inputs print, in SI units."""
 
     config: Config
 

@@ -132,7 +132,7 @@ def limiter_parameters(config: Config) -> tuple[Parameter, ...]:
 
 @dataclass(frozen=True)
 class LimiterView:
-    """What the templates of the limiter print."""
+    """Values that the templates of the limiter print."""
 
     config: Config
 
