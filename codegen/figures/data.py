@@ -60,12 +60,11 @@ class Chart:
 
 @dataclass(frozen=True)
 class Picture:
-    """Charts in rows under a title, with one legend below.
+    """Charts in rows under a title. They share one legend below, except charts with a `legend_at`.
 
     Attributes:
         rows: charts from left to right, which share the width of their row; None is an empty place.
         size: width and height, in inches. heights, widths: ratios of the rows, and of the charts if all rows have as many.
-        has_own_legends: whether each chart has its own legend.
         font_scale: factor on all sizes of text.
     """
 
@@ -74,7 +73,6 @@ class Picture:
     title: str = ""
     heights: Sequence[float] | None = None
     widths: Sequence[float] | None = None
-    has_own_legends: bool = False
     font_scale: float = 1.0
 
 
@@ -177,6 +175,14 @@ def layout(**more: Any) -> dict[str, Any]:
         "hovermode": "closest",
         **more,
     }
+
+
+def legend_at(x: float, y: float) -> dict[str, Any]:
+    """Return a chart's own legend, at fractions of its width and height; in a line below the chart if `y` is negative."""
+    if y < 0.0:
+        return {"orientation": "h", "x": x, "y": y, "xanchor": "center", "yanchor": "top"}
+    sides = ("left", "center", "right")[round(2.0 * x)], ("bottom", "middle", "top")[round(2.0 * y)]
+    return {"orientation": "v", "x": x, "y": y, "xanchor": sides[0], "yanchor": sides[1]}
 
 
 def stacked(titles: Sequence[str], ratios: Sequence[float] | None = None, gap: float = 0.022) -> dict[str, Any]:

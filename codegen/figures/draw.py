@@ -38,12 +38,13 @@ SYMBOLS: Mapping[str, Any] = {
 }
 LINE_WIDTH, SYMBOL_SIZE = 0.8, 0.65
 """Points of a picture per px of a page."""
+VERTICAL = {"top": "upper", "middle": "center", "bottom": "lower"}
 SHADES = 512
 LEGEND_COLUMNS_MAX = 5
+ABOVE_CHART = 1.0
+"""Place of a page's legend, as a fraction of a chart's height: charts with a lower one have their own in a picture."""
 HEIGHT_WITHOUT_GROWING = 0.5
 """Height in inches that a picture has for the legend under its panels without growing."""
-BELOW_AXIS = -0.16
-"""Place of a chart's own legend, as a fraction of its height."""
 
 _STYLE: dict[str, Any] = {
     "font.size": 9.0,
@@ -138,13 +139,13 @@ def draw(picture: Picture) -> Figure:
                 if chart is not None:
                     place = row, column
                     drawn[place] = _draw_chart(figure, grid[row, column * wide : (column + 1) * wide], chart, place, bars)
-                    if picture.has_own_legends:
-                        _own_legend(drawn[place][0], chart)
+                    if _has_own_legend(chart):
+                        _own_legend(drawn[place], chart)
         _share_titles(picture, drawn)
         for mesh, bar, places in bars.values():
             _draw_colour_bar(figure, mesh, bar, places, drawn)
-        if not picture.has_own_legends:
-            _draw_legend(figure, [chart for row in picture.rows for chart in row if chart is not None])
+        shown = (chart for row in picture.rows for chart in row if chart is not None)
+        _draw_legend(figure, [chart for chart in shown if not _has_own_legend(chart)])
         for column in range(columns):
             figure.align_ylabels([axes for place, panels in drawn.items() if place[1] == column for axes in panels])
     return figure
@@ -317,6 +318,7 @@ def _draw_heat_map(axes: Axes, trace: Mapping[str, Any]) -> Any:
     norm = Normalize(trace["zmin"], trace["zmax"])
     shading: Any = "nearest" if z.shape == (y.size, x.size) else "flat"
     mesh = axes.pcolormesh(x, y, np.ma.masked_invalid(z), norm=norm, cmap=scale, shading=shading, rasterized=True)
+    axes.autoscale_view()
     axes.autoscale(enable=False)
     return mesh
 
@@ -411,16 +413,28 @@ def _draw_legend(figure: Figure, charts: Sequence[Chart]) -> None:
     figure.set_figheight(figure.get_figheight() + max(0.0, tall - HEIGHT_WITHOUT_GROWING))
 
 
-def _own_legend(axes: Axes, chart: Chart) -> None:
-    entries = _handles([chart])
-    look: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, BELOW_AXIS), "handles": list(entries.values())}
+def _has_own_legend(chart: Chart) -> bool:
+    return bool(chart.figure["layout"].get("legend", {}).get("y", ABOVE_CHART) < ABOVE_CHART)
+
+
+def _own_legend(panels: Sequence[Axes], chart: Chart) -> None:
+    """Add the legend of a chart at its place in the first panel, or below the last one."""
+    entries, at = _handles([chart]), chart.figure["layout"]["legend"]
+    axes = panels[0 if at["y"] >= 0.0 else -1]
+    side = f"{VERTICAL[at['yanchor']]} {at['xanchor']}".replace("center center", "center")
+    look: dict[str, Any] = {"loc": side, "bbox_to_anchor": (at["x"], at["y"]), "handles": list(entries.values())}
     axes.figure.draw_without_rendering()  # type: ignore[union-attr]
-    _fitted(functools.partial(axes.legend, **look), list(entries), axes.bbox.width)
+    _fitted(
+        functools.partial(axes.legend, **look),
+        list(entries),
+        axes.bbox.width,
+        LEGEND_COLUMNS_MAX if at["orientation"] == "h" else 1,
+    )
 
 
-def _fitted(make: Any, labels: Sequence[str], room: float) -> Any:
+def _fitted(make: Any, labels: Sequence[str], room: float, most: int = LEGEND_COLUMNS_MAX) -> Any:
     """Return a legend at most `room` px wide: with fewer columns, or, if one is too wide, with wrapped labels."""
-    for columns in range(min(LEGEND_COLUMNS_MAX, len(labels)), 0, -1):
+    for columns in range(min(most, len(labels)), 0, -1):
         legend = make(labels=labels, ncols=columns)
         wide = legend.get_window_extent(legend.figure.canvas.get_renderer()).width
         if wide <= room:

@@ -9,7 +9,22 @@ from typing import Any
 
 import numpy as np
 
-from codegen.figures.data import COLOURS, INK, MUTED, Chart, Picture, axis, entry, line, panel, plain, symlog, text, upright
+from codegen.figures.data import (
+    COLOURS,
+    INK,
+    MUTED,
+    Chart,
+    Picture,
+    axis,
+    entry,
+    legend_at,
+    line,
+    panel,
+    plain,
+    symlog,
+    text,
+    upright,
+)
 from codegen.sweep.chunk import DRIVEN
 from codegen.sweep.spec import FACTORS
 from codegen.sweep.summary import BINS, QUANTILES, Figure, Outcome, Summary
@@ -148,6 +163,8 @@ FAR_FROM = 4.0
 TICKS_MAX = 4
 """Most ticks on each side of the linear part of such an axis."""
 
+BELOW_AXIS = -0.16
+"""Place of a legend, as a fraction of the height of its chart."""
 PANEL_WIDTH, PANEL_HEIGHT = 4.6, 4.4
 """Size of a panel, in inches."""
 TITLE_LENGTH = 44
@@ -189,7 +206,7 @@ def _picture(summary: Summary, scenarios: list[str], figure: str, label: str) ->
     for scenario in scenarios:
         outcomes = {name: summary.outcomes[scenario, name] for name in controllers}
         charts.append(_distributions(scenario, outcomes, figure, label))
-    return Picture([charts], (0.6 + PANEL_WIDTH * len(scenarios), PANEL_HEIGHT), has_own_legends=True)
+    return Picture([charts], (0.6 + PANEL_WIDTH * len(scenarios), PANEL_HEIGHT))
 
 
 def _distributions(scenario: str, outcomes: Mapping[str, Outcome], figure: str, label: str) -> Chart:
@@ -217,7 +234,7 @@ def _distributions(scenario: str, outcomes: Mapping[str, Outcome], figure: str, 
             data += [entry(f"{beyond:.2g} % of the runs<br>lie beyond the axis", "#FFFFFF00", "solid")] if beyond else []
     y = axis("Runs with at most that (%)", range=[0.0, 100.0])
     title = "<br>".join(textwrap.wrap(plain(scenario), TITLE_LENGTH))
-    return panel(data, x, y, title=title, shapes=shapes, annotations=notes)
+    return panel(data, x, y, title=title, shapes=shapes, annotations=notes, legend=legend_at(0.5, BELOW_AXIS))
 
 
 def _is_near(shown: list[Figure], limit: float) -> bool:

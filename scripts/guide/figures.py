@@ -9,6 +9,7 @@ import functools
 import io
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,19 +26,41 @@ from codegen.design.margins import (
     margin_range_km_h,
     nominal_margins,
 )
-from codegen.ecu_map.extend import extend
-from codegen.ecu_map.total import RULE_TEXT, Rule
 from codegen.figures.curves import tyre_picture
-from codegen.figures.data import AFTER_STEP, EMPTY
-from codegen.figures.draw import COLOURS, draw, to_bytes
-from codegen.figures.maps import front_angle_cut_picture, map_picture
+from codegen.figures.data import (
+    AFTER_STEP,
+    BLUE,
+    EMPTY,
+    GREEN,
+    INK,
+    MUTED,
+    ORANGE,
+    PURPLE,
+    SKY,
+    SPEED,
+    VERMILION,
+    WHITE,
+    Chart,
+    Picture,
+    axis,
+    entry,
+    legend_at,
+    level,
+    line,
+    panel,
+    points,
+    span,
+    text,
+)
+from codegen.figures.draw import draw, to_bytes
+from codegen.figures.maps import NamedMap, front_angle_cut_picture, map_picture
 from codegen.figures.runs import run_chart, run_picture
 from codegen.files import write_atomically
 from codegen.map_file import map as npz
 from codegen.optimum.nonlinear import slip_use
 from codegen.optimum.problem import SteadyTurnProblem
 from codegen.optimum.solve import solve_case
-from codegen.report import style as look
+from codegen.report.html.report import extended
 from codegen.report.map_difference import map_difference_picture
 from codegen.report.paper import overview_picture
 from scripts.guide import frame_layout, gust_margins, map_choice, sketches
@@ -49,6 +72,7 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).resolve().parents[2]
 BUILD, RECOMMENDED = ROOT / "generated/4ws2-paper", ROOT / "generated/4ws2"
+REAR_ANGLE = "Rear angle δ<sub>r</sub> (deg)"
 WIDTH = 7.4
 """inches of a figure over the whole width of a page."""
 
@@ -126,66 +150,44 @@ def choice(speed_km_h: float = 43.35, front_angle_deg: float = 4.0) -> Figure:
     sideslip = rear + yaw_rate * car.sideslip_per_yaw_rate(speed)
     acceleration = np.abs(speed * yaw_rate)
     used = {
-        "sideslip": (np.abs(sideslip) / problem.sideslip_max, look.PURPLE),
-        "lateral acceleration": (acceleration / problem.lateral_acceleration_max, look.GREEN),
-        "front slip": (acceleration * car.front_slip_per_lateral_acceleration / problem.front_slip_max, look.VERMILION),
-        "rear slip": (acceleration * car.rear_slip_per_lateral_acceleration / problem.rear_slip_max, look.ORANGE),
-        "rear angle": (np.abs(rear) / problem.rear_angle_max, look.BLUE),
+        "sideslip": (np.abs(sideslip) / problem.sideslip_max, PURPLE),
+        "lateral acceleration": (acceleration / problem.lateral_acceleration_max, GREEN),
+        "front slip": (acceleration * car.front_slip_per_lateral_acceleration / problem.front_slip_max, VERMILION),
+        "rear slip": (acceleration * car.rear_slip_per_lateral_acceleration / problem.rear_slip_max, ORANGE),
+        "rear angle": (np.abs(rear) / problem.rear_angle_max, BLUE),
     }
     allowed = np.all([share <= 1.0 for share, _ in used.values()], axis=0)
     degrees = np.degrees(rear)
-    with look.style():
-        figure = look.new_figure(WIDTH, 5.6)
-        above, below = figure.subplots(2, 1, sharex=True)
-        for weight, colour in ((100.0, look.VERMILION), (3000.0, look.BLUE)):
-            objective = -(yaw_rate**2) + weight * sideslip**2
-            best = int(np.argmin(np.where(allowed, objective, np.inf)))
-            above.plot(degrees, objective, color=colour, label=rf"$\lambda$ = {weight:g} s$^{{-2}}$")
-            above.plot(degrees[best], objective[best], "o", color=colour, markersize=7)
-            place = f"{np.degrees(yaw_rate[best]):.1f} deg/s\nat {degrees[best]:.2f} deg"
-            side = {"ha": "right", "xytext": (-8, 8)} if weight < 1000.0 else {"ha": "left", "xytext": (6, -24)}
-            at = (degrees[best], objective[best])
-            above.annotate(place, at, textcoords="offset points", color=colour, **side)
-        above.set(ylabel=r"Objective $-r^2+\lambda\beta^2$", ylim=(-0.5, 1.5))
-        above.legend(loc="upper right")
-        above.set_title(rf"Front angle {front_angle_deg:g} deg at {speed_km_h:g} km/h")
-        for name, (share, colour) in used.items():
-            below.plot(degrees, share, color=colour, label=name, linestyle="--" if name == "rear slip" else "-")
-        below.axhline(1.0, color=look.BLACK, linewidth=0.9)
-        below.set(ylabel="Share of the bound used", xlabel=f"Rear angle {look.REAR_ANGLE} (deg)", ylim=(0.0, 1.6))
-        below.legend(loc="upper right", ncols=2)
-        for axes in (above, below):
-            axes.fill_between(degrees, *axes.get_ylim(), where=~allowed, color=COLOURS[EMPTY], linewidth=0.0, zorder=0)
-            axes.set_xlim(degrees[0], degrees[-1])
-            axes.grid(True)
-    return figure
+    edges = degrees[np.flatnonzero(np.diff(allowed))]
+    shades = [span(degrees[0], edges[0], EMPTY), span(edges[-1], degrees[-1], EMPTY)]
+    objectives, notes = [], []
+    for weight, colour in ((100.0, VERMILION), (3000.0, BLUE)):
+        objective = -(yaw_rate**2) + weight * sideslip**2
+        best = int(np.argmin(np.where(allowed, objective, np.inf)))
+        at = degrees[best], objective[best]
+        objectives += [line(degrees, objective, f"λ = {weight:g} s⁻²", colour), points(at[:1], at[1:], "", colour, size=11)]
+        words = f"{np.degrees(yaw_rate[best]):.1f} deg/s<br>at −{-degrees[best]:.2f} deg"
+        left = {"xanchor": "right", "yanchor": "bottom", "xshift": -8, "yshift": 8}
+        right = {"xanchor": "left", "yanchor": "top", "xshift": 6, "yshift": -2}
+        notes.append(text(words, *at, font={"color": colour}, **(left if weight < 1000.0 else right)))
+    shares = [
+        line(degrees, share, name, colour, dash="dash" if name == "rear slip" else "solid")
+        for name, (share, colour) in used.items()
+    ]
+    x = axis(REAR_ANGLE, range=[degrees[0], degrees[-1]])
+    own = {"shapes": shades, "legend": legend_at(1.0, 0.98)}
+    above = axis("Objective −r² + λβ² (rad²/s²)", range=[-0.5, 1.5])
+    below = axis("Share of the bound used", range=[0.0, 2.0])
+    title = f"Front angle {front_angle_deg:g} deg at {speed_km_h:g} km/h"
+    limit = {**own, "shapes": [*shades, level(1.0, colour=INK, dash="solid")]}
+    rows = [[panel(objectives, x, above, title=title, annotations=notes, **own)], [panel(shares, x, below, **limit)]]
+    return draw(Picture(rows, (WIDTH, 5.6)))
 
 
 def rules() -> Figure:
-    """Draw the rule that each cell of the total map comes from, for the paper's map, which has all of them."""
-    from matplotlib.colors import ListedColormap
-    from matplotlib.patches import Patch
-
-    total = extend(npz.load(BUILD.with_suffix(".npz")), configuration.preset())
-    colours = {Rule.ZERO: "#BDBDBD", Rule.SOLVED: "#9ECAE1", Rule.HOLD: look.ORANGE, Rule.PASSIVE_SLOPE: look.GREEN}
-    words = {**RULE_TEXT, Rule.ZERO: "linear, from zero at zero speed and at zero front angle"}
-    kinds = list(colours)
-    table = np.array([[kinds.index(Rule(letter)) for letter in row] for row in total.rule])
-    # What lies between two breakpoints shows the rule of the upper one; the first cells rise from zero.
-    between = table[1:, 1:].copy()
-    between[0, :], between[:, 0] = kinds.index(Rule.ZERO), kinds.index(Rule.ZERO)
-    with look.style():
-        figure = look.new_figure(WIDTH, 4.4)
-        axes = figure.subplots()
-        speed, angle = total.speed / KM_H, np.degrees(total.front_angle)
-        shades = ListedColormap([colours[kind] for kind in kinds])
-        axes.pcolormesh(speed, angle, between.T, cmap=shades, vmin=-0.5, vmax=len(kinds) - 0.5, shading="flat", rasterized=True)
-        axes.set(xlabel=look.SPEED_LABEL, ylabel=look.FRONT_ANGLE_LABEL, xlim=(0.0, speed[-1]), ylim=(0.0, angle[-1]))
-        figure.legend(
-            handles=[Patch(color=colours[kind], label=words[kind]) for kind in kinds], loc="outside lower center", ncols=1
-        )
-        axes.set_title("Where the total map comes from")
-    return figure
+    """Draw the rule that each cell of the total map comes from, for the paper's map."""
+    chart, _ = extended(NamedMap("", npz.load(BUILD.with_suffix(".npz"))), configuration.preset())
+    return draw(Picture([[replace(chart, title="Where the total map comes from")]], (WIDTH, 4.4)))
 
 
 def nonlinear() -> Figure:
@@ -204,8 +206,8 @@ def margins() -> Figure:
     speed = speed_km_h * KM_H
     constant = [np.full(speed.shape, gain) for gain in (paper.controller.proportional_gain_s, paper.controller.integral_gain)]
     lines = (
-        ("kind pi, the paper's fixed gains", look.VERMILION, nominal_margins(paper, speed, *constant)),
-        ("kind tracking, scheduled", look.BLUE, nominal_margins(recommended, speed, *gains_of(schedule)(speed))),
+        ("kind pi, the paper's fixed gains: nominal car", VERMILION, nominal_margins(paper, speed, *constant)),
+        ("kind tracking: nominal car", BLUE, nominal_margins(recommended, speed, *gains_of(schedule)(speed))),
     )
     designed = np.array(schedule.speed_km_h)
     families = [
@@ -215,24 +217,21 @@ def margins() -> Figure:
         ("Gain margin (dB)", "gain_margin_db", WARN_GAIN_MARGIN_DB),
         ("Phase margin (deg)", "phase_margin_deg", WARN_PHASE_MARGIN_DEG),
     )
-    groups = (("", "v", look.BLUE, "all but slow cars"), ("slow_", "^", look.ORANGE, "slow cars"))
-    with look.style():
-        figure = look.new_figure(WIDTH, 3.6)
-        for axes, (label, field, warning) in zip(figure.subplots(1, 2), sides, strict=True):
-            for name, colour, found in lines:
-                axes.plot(speed_km_h, getattr(found, field), color=colour, label=f"{name}: the car itself")
-            for (prefix, marker, colour, whose), found in zip(groups, families, strict=True):
-                worst, demand = getattr(found, field), getattr(recommended.tuning, f"{prefix}{field}")
-                axes.plot(
-                    designed, worst, marker, color=colour, markerfacecolor=look.WHITE, label=f"worst of {whose}, designed"
-                )
-                axes.axhline(demand, color=colour, linestyle="--", linewidth=1.1, label=f"required of {whose}")
-            axes.axhline(warning, color=look.GREY, linestyle=":", linewidth=1.1, label="a build warns below")
-            axes.set(xlabel=look.SPEED_LABEL, ylabel=label, xlim=(speed_km_h[0] - 4.0, speed_km_h[-1] + 4.0), ylim=(0.0, None))
-            axes.grid(True)
-        handles = axes.get_legend_handles_labels()[0]
-        figure.legend(handles=handles, loc="outside lower center", ncols=2)
-    return figure
+    groups = (("", "triangle-down", BLUE, "all but slow cars"), ("slow_", "triangle-up", ORANGE, "slow cars"))
+    charts: list[Chart | None] = []
+    for label, field, warning in sides:
+        data = [line(speed_km_h, getattr(found, field), name, colour) for name, colour, found in lines]
+        shapes = [level(warning)]
+        for (prefix, symbol, colour, whose), found in zip(groups, families, strict=True):
+            ring = {"color": WHITE, "line": {"color": colour, "width": 1.5}}
+            name = f"kind tracking: worst of {whose}"
+            data.append(points(designed, getattr(found, field), name, colour, symbol, 9, marker=ring))
+            data.append(entry(f"required of {whose}", colour, "dash", 1.4))
+            shapes.append(level(getattr(recommended.tuning, f"{prefix}{field}"), colour=colour, dash="dash", width=1.4))
+        data.append(entry("codegen build warns below", MUTED, "dot"))
+        x = axis(SPEED, range=[speed_km_h[0] - 4.0, speed_km_h[-1] + 4.0])
+        charts.append(panel(data, x, axis(label, rangemode="tozero"), shapes=shapes))
+    return draw(Picture([charts], (WIDTH, 3.8)))
 
 
 def bounds() -> Figure:
@@ -244,20 +243,23 @@ def bounds() -> Figure:
     speeds, angles = (np.array(list(values)) for values in (limiter.opposite_phase_speed, limiter.opposite_phase_max))
     speed = np.linspace(0.0, _recommended().top_speed_km_h, 641)
     opposite = np.degrees(np.interp(speed * KM_H, speeds, angles))
-    with look.style():
-        figure = look.new_figure(WIDTH, 3.3)
-        axes = figure.subplots()
-        largest = math.degrees(limiter.rear_angle_max)
-        axes.fill_between(speed, -opposite, largest, color=look.SKY, alpha=0.35, linewidth=0.0)
-        axes.plot(speed, -opposite, color=look.BLUE)
-        axes.axhline(largest, color=look.BLUE)
-        axes.axhline(0.0, color=look.GREY, linewidth=0.8)
-        axes.text(8.0, 1.6, "in phase: the whole angle,\nonce the front wheels are turned", color=look.BLUE)
-        axes.text(78.0, -2.9, "opposite phase:\nless at speed", color=look.BLUE)
-        axes.set(title="The limiter, in a left turn", xlabel=look.SPEED_LABEL, ylabel=f"Rear angle {look.REAR_ANGLE} (deg)")
-        axes.set_xlim(speed[0], speed[-1])
-        axes.grid(True)
-    return figure
+    in_phase = np.full(speed.shape, math.degrees(limiter.rear_angle_max))
+    data = [line(speed, in_phase, "", BLUE), line(speed, -opposite, "", BLUE, fill="tonexty", fillcolor=f"{SKY}59")]
+    left = {"xanchor": "left", "font": {"color": BLUE}}
+    notes = [
+        text("in phase: the full angle,<br>once the front wheels are turned", 8.0, 1.9, **left),
+        text("opposite phase:<br>a smaller angle at speed", 78.0, -2.6, **left),
+    ]
+    zero = [level(0.0, dash="solid")]
+    chart = panel(
+        data,
+        axis(SPEED),
+        axis(REAR_ANGLE),
+        title="Range of the rear angle command in a left turn",
+        shapes=zero,
+        annotations=notes,
+    )
+    return draw(Picture([[chart]], (WIDTH, 3.3)))
 
 
 FIGURES: dict[str, Callable[[], Figure]] = {

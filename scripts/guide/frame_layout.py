@@ -6,12 +6,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from codegen.configuration.signals import SIGNALS
-from codegen.report.style import BLACK, GREY, ORANGE, SKY, WHITE, new_figure, style
+from codegen.figures.data import BLACK, MUTED, ORANGE, SKY, WHITE
+from codegen.figures.draw import COLOURS, new_figure, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+GREY = COLOURS[MUTED]
 _COLOURS = {
     **{"crc": "#D9D9D9", "counter": "#D9D9D9", "status": ORANGE, "qualifier": ORANGE},
     **{each.name.lower(): ORANGE for each in SIGNALS if each.is_flag},

@@ -16,8 +16,22 @@ from codegen.design.family import Member, nominal
 from codegen.design.margins import family_margins, gains_of
 from codegen.design.sampled import BETA, YAW_RATE, continuous, matrix_exponential
 from codegen.emit.laws import schedule_of
+from codegen.figures.data import (
+    BLUE,
+    GREEN,
+    VERMILION,
+    Chart,
+    Picture,
+    axis,
+    entry,
+    level,
+    line,
+    panel,
+    points,
+    upright,
+)
+from codegen.figures.draw import draw
 from codegen.map_file.map import load
-from codegen.report import style as look
 from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
 from scripts.guide.suite_tables import BUILD
@@ -81,34 +95,33 @@ def figure() -> Figure:
     designed = speed <= config.top_speed_km_h * KM_H
     tuning = config.tuning
     kinds = (
-        ("worst of the family without slow cars", False, look.BLUE, (tuning.gain_margin_db, tuning.phase_margin_deg)),
-        ("worst of its slow cars", True, look.VERMILION, (tuning.slow_gain_margin_db, tuning.slow_phase_margin_deg)),
+        ("all but slow cars", False, BLUE, (tuning.gain_margin_db, tuning.phase_margin_deg)),
+        ("slow cars", True, VERMILION, (tuning.slow_gain_margin_db, tuning.slow_phase_margin_deg)),
     )
     sides = (
-        (f"Heading {row.GUST_READ_S:g} s\nafter the gust (deg)", np.degrees(after[0]), row.HEADING_MAX_DEG),
-        (f"Path {row.GUST_READ_S:g} s\nafter the gust (m)", after[1], row.PATH_MAX_M),
+        (f"Heading {row.GUST_READ_S:g} s<br>after the gust (deg)", np.degrees(after[0]), row.HEADING_MAX_DEG),
+        (f"Path {row.GUST_READ_S:g} s<br>after the gust (m)", after[1], row.PATH_MAX_M),
     )
-    with look.style():
-        made = look.new_figure(7.4, 5.4)
-        panels = made.subplots(2, 2, sharex="col", sharey="row")
-        for title, slow, colour, required in kinds:
-            found = [
-                family_margins(config, speed[designed], kp[designed], each * ki[designed], slow=slow)[0] for each in FACTORS
-            ]
-            margins = ([each.gain_margin_db.min() for each in found], [each.phase_margin_deg.min() for each in found])
-            for column, margin, least in zip(panels.T, margins, required, strict=True):
-                for axes, (_, values, _) in zip(column, sides, strict=True):
-                    axes.plot(margin, values, color=colour, label=title)
-                    axes.plot(margin[DESIGN], values[DESIGN], "o", color=colour, label=f"{title}: as designed")
-                    axes.axvline(least, color=colour, linestyle=":", label=f"{title}: required margin")
-        for line, (label, _, goal) in zip(panels, sides, strict=True):
-            line[0].set_ylabel(label)
-            for axes in line:
-                axes.axhline(goal, color=look.GREEN, linestyle="--", label="goal")
-                axes.set_ylim(bottom=0.0)
-                axes.grid(True)
-        for axes, label in zip(panels[1], ("Gain margin (dB)", "Phase margin (deg)"), strict=True):
-            axes.set_xlabel(label)
-        handles = axes.get_legend_handles_labels()[0]
-        made.legend(handles=handles, loc="outside lower center", ncols=2)
-    return made
+    margins = [_worst_margins(config, speed[designed], kp[designed], ki[designed], slow) for _, slow, _, _ in kinds]
+    rows: list[list[Chart | None]] = []
+    for label, values, goal in sides:
+        charts: list[Chart | None] = []
+        for k, title in enumerate(("Gain margin (dB)", "Phase margin (deg)")):
+            data, shapes = [], [level(goal, colour=GREEN, dash="dash", width=2)]
+            for (whose, _, colour, required), found in zip(kinds, margins, strict=True):
+                data.append(line(found[k], values, f"worst of {whose}", colour))
+                data.append(points(found[k][[DESIGN]], values[[DESIGN]], f"{whose}: as designed", colour, size=10))
+                data.append(entry(f"{whose}: required margin", colour, "dot", 2))
+                shapes.append(upright(required[k], colour, width=2))
+            data.append(entry("goal", GREEN, "dash", 2))
+            x = axis(title, range=[0.0, 1.05 * max(found[k].max() for found in margins)])
+            y = axis(label, range=[0.0, 1.05 * values.max()])
+            charts.append(panel(data, x, y, shapes=shapes))
+        rows.append(charts)
+    return draw(Picture(rows, (7.4, 5.6)))
+
+
+def _worst_margins(config: Config, speed: FloatArray, kp: FloatArray, ki: FloatArray, slow: bool) -> FloatArray:
+    """Return the least gain margin in dB and phase margin in deg of a family, (2, k) for each of FACTORS."""
+    found = [family_margins(config, speed, kp, each * ki, slow=slow)[0] for each in FACTORS]
+    return np.array([[each.gain_margin_db.min() for each in found], [each.phase_margin_deg.min() for each in found]])

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -17,13 +17,31 @@ from benchmarks.judged_cars import PAPER, five_cars
 from codegen.arrays import BoolArray, FloatArray
 from codegen.configuration import Config
 from codegen.ecu_map.extend import extend
+from codegen.figures.data import (
+    BLUE,
+    FRONT_ANGLE,
+    GREEN,
+    INK,
+    MUTED,
+    ORANGE,
+    PURPLE,
+    VERMILION,
+    Chart,
+    Picture,
+    axis,
+    entry,
+    legend_at,
+    level,
+    line,
+    panel,
+)
+from codegen.figures.draw import draw
 from codegen.judgement.passive import PassiveTurns, usable_slip
 from codegen.judgement.steady import steady_figures
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.nonlinear_arrays import Turns
 from codegen.optimum.nonlinear_car import SteadyCar, curve
 from codegen.optimum.solve import solve_case
-from codegen.report import style as look
 from codegen.units import KM_H
 from codegen.vehicle.tyre import AxleTyres
 from scripts.guide.markdown import table
@@ -235,68 +253,81 @@ def keys(name: str) -> str:
 
 FRONT_ANGLE_MAX_DEG = 10.0
 PANELS = ("Yaw rate (deg/s)", "Lateral acceleration (g)", "Sideslip (deg)")
-LINES: Mapping[str, dict[str, Any]] = {
-    LINEAR: {"color": look.ORANGE, "linewidth": 1.6},
-    OLD: {"color": look.VERMILION, "linewidth": 1.6},
-    RECOMMENDED: {"color": look.BLUE, "linewidth": 2.4, "zorder": 4},
-}
-PASSIVE: dict[str, Any] = {"color": look.BLACK, "linestyle": ":", "linewidth": 1.6, "zorder": 5}
-EXTENDED: dict[str, Any] = {"linestyle": (0, (4, 2)), "linewidth": 1.2}
+Look = tuple[str, str, float]
+"""Colour, dash and width of a line."""
+LOOKS: Mapping[str, Look] = {LINEAR: (ORANGE, "solid", 2), OLD: (VERMILION, "solid", 2), RECOMMENDED: (BLUE, "solid", 3)}
+PASSIVE: Look = (INK, "dot", 2)
+BEYOND: Look = (MUTED, "dash", 1.5)
+COMMON: Sequence[tuple[str, Look]] = (("straight rear wheels", PASSIVE), ("beyond the last turn of the map", BEYOND))
 
 
-def _draw(panels: Any, car: Car, row: Row, line: dict[str, Any]) -> None:
-    """Draw yaw rate, lateral acceleration and sideslip over the front angle; the extension of a map is dashed."""
-    degrees = np.degrees(row.front_angle)
+def _curves(car: Car, row: Row) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return yaw rate in deg/s, lateral acceleration in g and sideslip in deg over the front angle."""
     speed = np.full(row.front_angle.shape, row.speed)
     known = np.where(row.inside, row.yaw_rate, 0.0)
     sideslip = np.where(row.inside, car.turns(speed, row.front_angle, known).sideslip, np.nan)
-    tables = (np.degrees(row.yaw_rate), row.speed * row.yaw_rate / car.config.road.gravity_m_s2, np.degrees(sideslip))
-    # The last turn of the map is drawn in both lines, which then meet.
+    acceleration = row.speed * row.yaw_rate / car.config.road.gravity_m_s2
+    return np.degrees(row.yaw_rate), acceleration, np.degrees(sideslip)
+
+
+def _lines(row: Row, values: FloatArray, look: Look) -> Iterator[dict[str, Any]]:
+    """Yield the line of a map, and that of its extension, which is dashed. Both have the last turn of the map."""
+    degrees, (colour, dash, width) = np.degrees(row.front_angle), look
     beyond = ~row.inside
     beyond[:-1] |= ~row.inside[1:]
-    for axes, values in zip(panels, tables, strict=True):
-        axes.plot(degrees, np.where(row.inside, values, np.nan), label="_", **line)
-        axes.plot(degrees, np.where(beyond, values, np.nan), label="_", **{**line, **EXTENDED})
+    yield line(degrees, np.where(row.inside, values, np.nan), "", colour, dash=dash, width=width)
+    yield line(degrees, np.where(beyond, values, np.nan), "", colour, dash=BEYOND[1], width=BEYOND[2])
 
 
-def _finish(figure: Figure, grid: Any, handles: list[Any], title: str) -> None:
-    for axes, label in zip(grid[:, 0], PANELS, strict=True):
-        axes.set_ylabel(label)
-    for axes in grid.flat:
-        axes.set_xlim(0.0, FRONT_ANGLE_MAX_DEG)
-        axes.grid(True)
-    for axes in grid[:2].flat:
-        axes.set_ylim(0.0, None)
-    for axes in grid[-1]:
-        axes.axhline(0.0, color=look.BLACK, linewidth=0.6, zorder=1)
-        axes.set_xlabel(look.FRONT_ANGLE_LABEL)
-    figure.align_ylabels(grid[:, 0])
-    figure.suptitle(title)
-    look.legend_below(figure, handles)
+@dataclass(frozen=True)
+class Column:
+    """Panels below each other: their title, the maps with their looks, the thickest last, and the legend of the first panel."""
+
+    title: str
+    rows: Sequence[tuple[Row, Look]]
+    legend: Sequence[tuple[str, Look]] = ()
+
+
+def _picture(
+    car: Car, columns: Sequence[Column], entries: Sequence[tuple[str, Look]], size: tuple[float, float], title: str
+) -> Picture:
+    """Return a picture of `columns`, each with a panel for each of PANELS, and with `entries` in the common legend."""
+    curves = [[_curves(car, row) for row, _ in column.rows] for column in columns]
+    charts: list[list[Chart | None]] = []
+    for k, label in enumerate(PANELS):
+        low, high = (of([of(each[k]) for column in curves for each in column]) for of in (np.nanmin, np.nanmax))
+        room = 0.06 * (high - low)
+        y = axis(label, range=[min(0.0, low - room) if k == 2 else 0.0, high + room])
+        x = axis(FRONT_ANGLE, range=[0.0, FRONT_ANGLE_MAX_DEG])
+        charts.append([])
+        for column, found in zip(columns, curves, strict=True):
+            data = [
+                each for (row, look), values in zip(column.rows, found, strict=True) for each in _lines(row, values[k], look)
+            ]
+            own = column.legend if k == 0 else entries
+            data += [entry(name, colour, dash, width) for name, (colour, dash, width) in own]
+            place = {"legend": legend_at(0.98, 0.02)} if k == 0 and column.legend else {}
+            charts[-1].append(
+                panel(data, x, y, title=column.title if k == 0 else "", shapes=[level(0.0, dash="solid")], **place)
+            )
+    return Picture(charts, size, title)
 
 
 def maps_figure(name: str) -> Figure:
     """Draw the maps of a car and the passive car over the front angle, at SHOWN_KM_H."""
     car = _car(name)
-    with look.style():
-        figure = look.new_figure(8.4, 7.4)
-        grid = figure.subplots(len(PANELS), len(SHOWN_KM_H), sharex=True, sharey="row")
-        for panels, speed_km_h in zip(grid.T, SHOWN_KM_H, strict=True):
-            for which, line in LINES.items():
-                _draw(panels, car, _of_map(name, which).row(speed_km_h), line)
-            angles = _of_map(name, RECOMMENDED).reference_map.front_angle
-            _draw(panels, car, _passive_row(car, speed_km_h, angles), PASSIVE)
-            panels[0].set_title(f"{speed_km_h:g} km/h")
-        handles = [look.line_handle(label=MAPS[which][0], **line) for which, line in LINES.items()]
-        handles.append(look.line_handle(label="straight rear wheels", **PASSIVE))
-        handles.append(look.line_handle(label="beyond the last turn of the map", **{"color": look.GREY, **EXTENDED}))
-        _finish(figure, grid, handles, car.title)
-    return figure
+    angles = _of_map(name, RECOMMENDED).reference_map.front_angle
+    columns = []
+    for speed_km_h in SHOWN_KM_H:
+        rows = [(_of_map(name, which).row(speed_km_h), look) for which, look in LOOKS.items()]
+        columns.append(Column(f"{speed_km_h:g} km/h", [*rows, (_passive_row(car, speed_km_h, angles), PASSIVE)]))
+    entries = [*((MAPS[which][0], look) for which, look in LOOKS.items()), *COMMON]
+    return draw(_picture(car, columns, entries, (8.4, 7.4), car.title))
 
 
-VALUE_COLOURS = (look.ORANGE, look.GREEN, look.PURPLE)
+VALUE_COLOURS = (ORANGE, GREEN, PURPLE)
 KEY_TITLES = {
-    WEIGHT: "Weight on sideslip",
+    WEIGHT: "Weight on sideslip (s⁻²)",
     GRIP: "Grip use",
     FLOOR: "Floor of the yaw rate",
     CHARACTERISTIC: "Characteristic speed (km/h)",
@@ -306,25 +337,16 @@ KEY_TITLES = {
 def keys_figure(name: str, speed_km_h: float) -> Figure:
     """Draw the effect of each key on the map of a car at one speed: a column for each key."""
     car = _car(name)
-    with look.style():
-        figure = look.new_figure(10.4, 7.2)
-        grid = figure.subplots(len(PANELS), len(KEYS), sharex=True, sharey="row")
-        angles = _of_map(name, RECOMMENDED).reference_map.front_angle
-        for panels, (key, values) in zip(grid.T, KEYS.items(), strict=True):
-            colours = iter(VALUE_COLOURS)
-            handles = []
-            for value in values:
-                recommended = value == _own_value(name, key)
-                line = LINES[RECOMMENDED] if recommended else {"color": next(colours), "linewidth": 1.4}
-                _draw(panels, car, _of_key(name, key, value).row(speed_km_h), line)
-                handles.append(look.line_handle(label=f"{value:g}", **line))
-            _draw(panels, car, _passive_row(car, speed_km_h, angles), PASSIVE)
-            panels[0].set_title(KEY_TITLES[key])
-            panels[0].legend(handles=handles, loc="lower right")
-        common = [
-            look.line_handle(label="recommended", **LINES[RECOMMENDED]),
-            look.line_handle(label="straight rear wheels", **PASSIVE),
-            look.line_handle(label="beyond the last turn of the map", **{"color": look.GREY, **EXTENDED}),
-        ]
-        _finish(figure, grid, common, f"{car.title}, {speed_km_h:g} km/h")
-    return figure
+    angles = _of_map(name, RECOMMENDED).reference_map.front_angle
+    passive = _passive_row(car, speed_km_h, angles), PASSIVE
+    columns = []
+    for key, values in KEYS.items():
+        others = iter(VALUE_COLOURS)
+        looks: dict[float, Look] = {
+            value: LOOKS[RECOMMENDED] if value == _own_value(name, key) else (next(others), "solid", 1.75) for value in values
+        }
+        drawn = sorted(looks.items(), key=lambda item: item[1][2])
+        rows = [(_of_key(name, key, value).row(speed_km_h), look) for value, look in drawn]
+        columns.append(Column(KEY_TITLES[key], [*rows, passive], [(f"{value:g}", look) for value, look in looks.items()]))
+    entries = [("recommended", LOOKS[RECOMMENDED]), *COMMON]
+    return draw(_picture(car, columns, entries, (10.4, 7.2), f"{car.title}, {speed_km_h:g} km/h"))

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from codegen.report.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION, WHITE, new_figure, style
+from codegen.figures.data import BLACK, BLUE, GREEN, MUTED, ORANGE, PURPLE, VERMILION, WHITE
+from codegen.figures.draw import COLOURS, new_figure, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+GREY = COLOURS[MUTED]
 FILL = "#EAF3FA"
 """Ground of a box that holds a thing of this project."""
 PLAIN = "#F4F4F4"

@@ -84,6 +84,7 @@ def test_heat_map_with_colour_bar_and_contours() -> None:
     figure = draw(picture())
     axes, bar = figure.axes[2:]
     mesh, contours = axes.collections
+    assert axes.get_xlim() == (-0.5, 10.5) and axes.get_ylim() == (-0.5, 4.5)
     assert np.array_equal(mesh.get_array().reshape(TABLE.shape), TABLE) and mesh.get_clim() == (0.0, 14.0)
     assert bar.get_ylabel() == "deg/s"
     assert list(contours.levels) == [2.0, 7.0, 12.0]

@@ -99,8 +99,8 @@ LINEAR = ", from there linear to the first breakpoint"
 RULES = {
     Rule.SOLVED: ("as in the map", BLUE),
     Rule.ZERO: ("linear, from zero", YELLOW),
-    Rule.HOLD: ("held: ay_cap / vx", ORANGE),
-    Rule.PASSIVE_SLOPE: ("on with the passive gain", GREEN),
+    Rule.HOLD: ("held at ay_cap / vx", ORANGE),
+    Rule.PASSIVE_SLOPE: ("continued with the passive gain", GREEN),
     Rule.BETWEEN: ("between feasible cells", PURPLE),
     Rule.NEIGHBOUR: ("between speeds", SKY),
     Rule.CONTINUED: ("beyond the cap, continued", VERMILION),
