@@ -212,6 +212,21 @@ def records_in_many_pieces(size: float) -> bytes:
     return "".join(lines).encode()
 
 
+def hex_records_in_many_pieces(size: float) -> bytes:
+    """300,000 records of Intel HEX with a gap after each."""
+
+    def line(address: int, kind: int, data: bytes) -> str:
+        content = struct.pack(">BHB", len(data), address, kind) + data
+        return f":{(content + bytes([-sum(content) & 0xFF])).hex().upper()}\n"
+
+    lines = []
+    for place in range(0, 16 * round(10 + 3e5 * size), 16):
+        if not place & 0xFFFF:
+            lines.append(line(0, 4, struct.pack(">H", place >> 16)))
+        lines.append(line(place & 0xFFFF, 0, b"\1"))
+    return "".join(lines).encode()
+
+
 HOSTILE: Mapping[str, Hostile] = {
     "BLF, zeros": Hostile("drive, blf", blf_of_zeros),
     "BLF, endless object": Hostile("log, blf", blf_with_an_endless_object),
@@ -230,4 +245,5 @@ HOSTILE: Mapping[str, Hostile] = {
     "ELF, types": Hostile("program", program_with_types_inside_types),
     "ELF, packed zeros": Hostile("program", program_with_packed_zeros),
     "S-record, pieces": Hostile("image, S-record", records_in_many_pieces),
+    "Intel HEX, pieces": Hostile("image, Intel HEX", hex_records_in_many_pieces),
 }

@@ -181,7 +181,11 @@ class Elf:
                     for path in search.paths(each.type, f"{each.unit}:{name}" if several else name, DEPTH_MAX):
                         paths.add(path)
                         if len(paths) > INSTANCES_MAX:
-                            raise ValueError(f"more than {INSTANCES_MAX} objects of a type")
+                            raise BuildError(
+                                f"more than {INSTANCES_MAX:,} objects of the type {type_name}",
+                                where=self.name,
+                                remedy="link the program without the arrays and structs of so many",
+                            )
         return sorted(paths)
 
     def _units_with(self, type_name: str) -> set[int] | None:
@@ -381,7 +385,7 @@ ALIASES_MAX = 100
 LENGTH_MAX = 100_000
 """Largest array of tasks; a larger one indicates a damaged file."""
 INSTANCES_MAX = 100_000
-"""Largest number of objects of one type; more indicate a damaged file."""
+"""Largest number of objects of one type."""
 
 
 def aliases(ctype: Any) -> Iterator[Any]:

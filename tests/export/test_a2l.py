@@ -14,6 +14,7 @@ from codegen.configuration import parse
 from codegen.configuration.xcp import NATIVE_COMMANDS
 from codegen.emit.text import Precision
 from codegen.errors import BuildError
+from codegen.export import elf as elf_module
 from codegen.export.a2l import Filled, fill
 from codegen.export.elf import Elf, Place
 from codegen.map_file import map as refmap
@@ -275,6 +276,12 @@ def test_one_of_several_instances_is_chosen(tmp_path: Path) -> None:
     places = {name: fill(BUILD, elf, name).places["ars.law.integral"] for name in ("one", "two[1]")}
     assert places["two[1]"] == elf.place("two[1].controller.law.integral") != places["one"]
     assert 'SYMBOL_LINK "two[1].controller.law.integral" 0' in fill(BUILD, elf, "two[1]").text
+
+
+def test_too_many_objects_of_a_type_are_named_as_such(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(elf_module, "INSTANCES_MAX", 2)
+    with pytest.raises(BuildError, match="more than 2 objects of the type ars_task_t; link the program without"):
+        fill(BUILD, Elf.read(compiled(BUILD, tmp_path, TASKS)))
 
 
 APART = "-fdebug-types-section"

@@ -24,7 +24,7 @@ from codegen.emit.controller_view import controller_parameters
 from codegen.emit.folder import Folder, read_manifest
 from codegen.emit.inputs_view import inputs_parameters
 from codegen.emit.limiter_view import limiter_parameters
-from codegen.errors import CodegenError
+from codegen.errors import BuildError, CodegenError
 from codegen.export.calibration.build import BuildCalibration
 from codegen.export.calibration.convert import map_of, toml_of
 from codegen.export.calibration.images import Image
@@ -39,6 +39,7 @@ from tests import builds, shared
 from tests.calibrations import addressed, records_of
 from tests.cli.conftest import Answer, refused, run
 from tests.export.test_a2l import compiled
+from tests.hostile_files import HOSTILE
 from tests.sil.case import named
 from tests.sil.library import Compiler
 
@@ -364,6 +365,14 @@ def test_a_value_in_a_block_that_is_not_supported_is_refused(tmp_path: Path) -> 
         read_set(tmp_path / "set.cdfx", loaded().layout)
 
 
+@pytest.mark.parametrize("head", [f'FESTWERT "{SLOW}"', f'FESTWERTEBLOCK "{SLOW}" 1', "FESTWERTEBLOCK", "FESTWERT"])
+def test_a_quoted_or_missing_name_is_not_skipped(head: str, tmp_path: Path) -> None:
+    blocks = f"FESTWERT {SLOW}\n  WERT 1\nEND\n{head}\n  WERT 2\nEND\n"
+    (tmp_path / "set.dcm").write_text(f"KONSERVIERUNG_FORMAT 2.0\n{blocks}", encoding="ascii")
+    with pytest.raises(CodegenError, match="line 5: "):
+        read_set(tmp_path / "set.dcm", loaded().layout)
+
+
 def test_the_categories_that_are_written_are_those_of_the_objects() -> None:
     """DEPENDENT_VALUE, which is read, would make a value read-only in a calibration tool."""
     root = ElementTree.fromstring(READERS[".cdfx"].write(loaded().values, loaded().layout, "a title"))
@@ -616,6 +625,14 @@ def test_records_are_patched_only_where_values_change(name: str, order: str, suf
     wanted = bytes_of(records_of(a2l.read_bytes(), values).as_srec())
     assert after == wanted != before
     assert bytes_of(image.patched(build.values).decode()) == before
+
+
+@pytest.mark.parametrize("kind", ["S-record, pieces", "Intel HEX, pieces"])
+def test_records_in_very_many_pieces_are_refused(kind: str, tmp_path: Path) -> None:
+    path = tmp_path / "ecu"
+    path.write_bytes(HOSTILE[kind].make(0.02))
+    with pytest.raises(BuildError, match="ecu: damaged .more than 1000 separate pieces.; write the image again"):
+        Image.load(path, None, BUILD, loaded().layout)
 
 
 def test_an_elf_gives_the_addresses_of_records(tmp_path: Path) -> None:

@@ -44,11 +44,12 @@ def read(content: bytes, path: Path, start: str) -> Iterator[Label]:
         if not words or words[0] == "MODULKOPF":
             continue
         place = f"{path}, line {number}"
-        if words[0] in _KINDS and (len(words) == 1 or begins_with(words[1], start)):
+        is_own = len(words) == 1 or begins_with(words[1].strip('"'), start)
+        if words[0] in _KINDS and is_own:
             yield _label(words, lines, path, place)
-        elif words[0] in _OTHER_VALUES and len(words) > 1 and begins_with(words[1], start):
+        elif words[0] in _OTHER_VALUES and is_own:
             remedy = f"export it as one of {', '.join(_KINDS)}"
-            raise CodegenError(f"{words[1]} is a {words[0]}, which is not supported", where=place, remedy=remedy)
+            raise CodegenError(f"{' '.join(words[1:2])} is a {words[0]}, which is not supported", where=place, remedy=remedy)
         elif words[0] in _BLOCKS:
             _skip(words, lines, place)
         else:

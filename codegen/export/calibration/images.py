@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -25,6 +25,8 @@ IMAGE_REMEDY = "give a linked program as ELF, S-record or Intel HEX"
 _RECORD_BYTES = 32
 PIECES_MAX, RECORDS_AT_A_TIME = 1000, 1000
 """Largest number of separate pieces of an image. Linked programs have some ten."""
+_IHEX_BASES = ("02", "04")
+"""Types of the records of Intel HEX that set the base of the addresses in the lines that follow."""
 _SREC_BITS = {b"S1": 16, b"S2": 24, b"S3": 32}
 
 Format = Literal["ELF", "S-record", "Intel HEX"]
@@ -160,18 +162,18 @@ def _records(content: bytes, path: Path) -> Any:
         raise missing("bincopy", "reads S-records and Intel HEX", "codegen calibrate") from None
     records = bincopy.BinFile()
     with Limits.of(len(content)).enforced(path, BuildError), _undamaged(path):
-        text = content.decode("ascii")
-        if content[:1] == b":":
-            records.add_ihex(text)  # whole, because a line can set the address of those that follow
-        else:
-            _add_records(records, text.splitlines(keepends=True))
+        lines = content.decode("ascii").splitlines(keepends=True)
+        _add_records(records.add_ihex if content[:1] == b":" else records.add_srec, records, lines)
     return records
 
 
-def _add_records(records: Any, lines: Sequence[str]) -> None:
-    """Add S-records some at a time, because bincopy takes for ever for many pieces. Raises ValueError: there are too many."""
+def _add_records(add: Callable[[str], None], records: Any, lines: Sequence[str]) -> None:
+    """Add records some at a time, because bincopy takes for ever for many pieces. Raises ValueError: there are too many."""
+    bases: dict[str, str] = {}
     for start in range(0, len(lines), RECORDS_AT_A_TIME):
-        records.add_srec("".join(lines[start : start + RECORDS_AT_A_TIME]))
+        some = lines[start : start + RECORDS_AT_A_TIME]
+        add("".join([*bases.values(), *some]))
+        bases |= {type_: line for line in some if (type_ := line.strip()[7:9]) in _IHEX_BASES and line.lstrip()[:1] == ":"}
         if len(records.segments) > PIECES_MAX:
             raise ValueError(f"more than {PIECES_MAX} separate pieces")
 
