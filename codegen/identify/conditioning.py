@@ -10,11 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from codegen.arrays import BoolArray, FloatArray
 from codegen.errors import CodegenError
 from codegen.identify.channels import Channel
-from codegen.identify.findings import CLOCK, GAP, IMPOSSIBLE, REMARK, RESERVED, SATURATED, Finding
+from codegen.identify.findings import CLOCK, GAP, IMPOSSIBLE, JUMP, REMARK, RESERVED, SATURATED, Finding
 from codegen.identify.names import SignalChoice
 from codegen.identify.quantities import Quantity
 from codegen.logs.measurement import Samples
@@ -35,6 +36,17 @@ PLATEAU_SAMPLES = 5
 """Shortest plateau of a clipped curve."""
 APPROACH_SAMPLES = 3
 """Distance before and behind a plateau at which its approach is judged."""
+JUMP_WINDOW = 5
+"""Number of samples around one whose median it is compared with."""
+JUMP_RANGE_FRACTION = 0.25
+"""Least distance of a sample from that median, as a fraction of the range of the signal, that is a jump."""
+JUMP_NOISE_FACTOR = 8.0
+"""The same, over the upper quartile of all such distances, so that noise is none."""
+JUMP_STEPS = 4.0
+"""The same, over the smallest difference of two values."""
+ALTERNATION_FACTOR, ALTERNATION_LAGS = 3.0, (2, 3)
+"""Least ratio of the differences of neighbours to those of samples that lie farther apart, from which samples alternate between
+two courses. Noise has a ratio of 1, a smooth signal a smaller one."""
 CLIPPED = ("yaw_rate", "lateral_acceleration", "sideslip")
 """Responses of the car. A driver may hold an angle of the steering wheel as long as he likes."""
 
@@ -108,6 +120,11 @@ def condition(
         count = int(np.count_nonzero(impossible))
         report(IMPOSSIBLE, f"{count} samples beyond what a car does, up to {worst:.4g} {unit}", count)
         values[impossible] = np.nan
+    refuse_alternation(values, place)
+    jumping = jumps(time, values, GAP_PERIODS * period)
+    values[jumping] = np.nan
+    count = int(np.count_nonzero(jumping))
+    report(JUMP, f"{count} samples jump away and back: faults, or another sender of the signal" if count else "", count)
     result = Conditioned(time, values, period)
     report(GAP, _gaps(result))
     return result, found
@@ -180,6 +197,41 @@ def clipped(raw: FloatArray) -> BoolArray:
             if min(abs(raw[before] - extreme), abs(raw[after] - extreme)) > smooth * resolution:
                 at_end[start:stop] = True
     return at_end
+
+
+def _resolution(values: FloatArray) -> float:
+    """Return the smallest difference of two values, 0 if all are equal."""
+    return float(np.min(np.diff(np.unique(values)), initial=np.inf)) if np.ptp(values) > 0.0 else 0.0
+
+
+def refuse_alternation(values: FloatArray, place: str) -> None:
+    """Raise CodegenError if samples alternate between two courses, as those of two senders do on one channel."""
+    finite = values[np.isfinite(values)]
+    if finite.size <= 4 * ALTERNATION_LAGS[-1]:
+        return
+    near, *far = (float(np.quantile(np.abs(finite[lag:] - finite[:-lag]), 0.75)) for lag in (1, *ALTERNATION_LAGS))
+    if near > max(ALTERNATION_FACTOR * min(far), JUMP_STEPS * _resolution(finite)):
+        remedy = "log one of them, or choose a bus with `channel=`"
+        raise CodegenError("its samples alternate between two courses, as of two senders", where=place, remedy=remedy)
+
+
+def jumps(time: FloatArray, values: FloatArray, pause_max: float) -> BoolArray:
+    """Return which samples (n,) lie far from the median of five: their own, two before and two behind, with no gap."""
+    if values.size < JUMP_WINDOW:
+        return np.zeros(values.size, dtype=bool)
+    length = np.ptp(sliding_window_view(time, JUMP_WINDOW), axis=1)
+    median = np.median(sliding_window_view(values, JUMP_WINDOW), axis=1)
+    median[length > (JUMP_WINDOW - 1) * pause_max] = np.nan
+    distance = np.abs(values - np.pad(median, JUMP_WINDOW // 2, mode="edge"))
+    if np.isnan(distance).all():
+        return np.zeros(values.size, dtype=bool)
+    least = max(
+        JUMP_RANGE_FRACTION * float(np.nanmax(values) - np.nanmin(values)),
+        JUMP_NOISE_FACTOR * float(np.nanquantile(distance, 0.75)),
+        JUMP_STEPS * _resolution(values[np.isfinite(values)]),
+    )
+    far: BoolArray = distance > least
+    return far
 
 
 def _check_unit(values: FloatArray, impossible: BoolArray, quantity: Quantity, unit: str, place: str) -> None:

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from codegen.errors import CodegenError
-from codegen.identify.conditioning import clipped
+from codegen.identify.conditioning import clipped, jumps, refuse_alternation
 from codegen.identify.cross_checks import cross_check
 from codegen.identify.findings import (
     CLOCK,
@@ -20,6 +20,7 @@ from codegen.identify.findings import (
     FROZEN,
     GAP,
     IMPOSSIBLE,
+    JUMP,
     OFFSET,
     REMARK,
     RESERVED,
@@ -338,6 +339,35 @@ def test_impossible_values_are_none_and_many_of_them_a_wrong_unit(tmp_path: Path
     table["yaw_rate [rad/s]"] = np.degrees(SIGNALS["yaw_rate"](TIME))
     with pytest.raises(CodegenError, match=r'yaw_rate goes to 11.46 rad/s, .*; unit = "deg/s" in names.toml would fit'):
         read(tmp_path, table)
+
+
+def test_samples_of_another_sender_on_the_same_channel_jump_away_and_back(tmp_path: Path) -> None:
+    table = columns()
+    table["vx [m/s]"][[1, 150, 152]] = 0.0
+    reading = read(tmp_path, table)
+    assert kinds(reading) == [("vx", JUMP)] and reading.findings[0].lost == 3
+    assert np.isnan(value(reading, "vx", 1.5)) and value(reading, "vx", 1.51) == pytest.approx(table["vx [m/s]"][151])
+
+
+@pytest.mark.parametrize("every", [2, 3])
+@pytest.mark.parametrize("key", ["vx", "steering_wheel_angle"])
+def test_samples_that_alternate_between_two_courses_are_refused(key: str, every: int, tmp_path: Path) -> None:
+    table = columns()
+    name = f"{key} [{UNITS[key]}]"
+    table[name][::every] += 0.5 * np.abs(table[name]).max()
+    with pytest.raises(CodegenError, match="its samples alternate between two courses, as of two senders; log one of them"):
+        read(tmp_path, table)
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(0.0, 1.0), st.integers(1, 50))
+def test_noise_steps_and_sweeps_are_no_jumps(seed: int, noise: float, steps: int) -> None:
+    """A chirp up to 2.5 Hz in samples of 20 ms, a step, noise and rounding: no sample jumps, and none alternate."""
+    time = np.arange(0.0, 20.0, 0.02)
+    values = np.sin(2.0 * np.pi * (0.1 * time + 0.06 * time**2)) * (time > 5.0) + (time > 15.0)
+    values += noise * np.random.default_rng(seed).normal(size=time.size)
+    values = np.round(steps * values) / steps
+    refuse_alternation(values, "")
+    assert not jumps(time, values, 0.05).any()
 
 
 @pytest.mark.parametrize("key", ["yaw_rate", "lateral_acceleration"])
