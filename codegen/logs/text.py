@@ -209,6 +209,7 @@ LOG_LINE = re.compile(
 ERROR_FLAG = 0x2000_0000
 """Mark of an error frame in its identifier. Without the bit of a bus error, python-can takes it for a data frame."""
 XL_DATA = re.compile(r"[0-9A-Fa-f]{2}:[0-9A-Fa-f]{2}:[0-9A-Fa-f]{8}#\S*", re.ASCII)
+HEX, ID_DIGITS_MAX = re.compile(r"[0-9A-Fa-f]*", re.ASCII), 8
 RAW_LENGTH = re.compile(r"(#[0-9A-Fa-f]{16})_[0-9A-Fa-f]\b", re.ASCII)
 """Length of 9 to 15 that a classic frame of 8 bytes was sent with (`-8`)."""
 VIEW_LINE = re.compile(
@@ -252,8 +253,8 @@ class CandumpLines(Lines):
                 raise CodegenError("its frames have no times", where=self.place(), remedy="log with candump -l, or -t a")
             self.frame(_seconds(line["time"], self.place()), line["channel"])
             self.is_error = bool(int(line["id"], 16) & ERROR_FLAG)
-            if log and XL_DATA.fullmatch(log["data"]):
-                self.settle("a frame of CAN XL")
+            if log and (reason := _damage(log)):
+                self.settle(reason)
                 continue
             yield RAW_LENGTH.sub(r"\1", text) if view is None else self._as_log(view)
 
@@ -274,6 +275,20 @@ class CandumpLines(Lines):
             if len(words) < length:
                 raise CodegenError("a frame has fewer bytes than its length", where=self.place(), remedy=REMEDY)
         return f"(0.0) {self.channel} {view['id']}{content} {(view['direction'] or 'R')[0]}\n"
+
+
+def _damage(log: re.Match[str]) -> str:
+    """Return why a line of a log is skipped, or "". python-can reads half a byte, and identifiers and data that are too long."""
+    data = log["data"]
+    if XL_DATA.fullmatch(data):
+        return "a frame of CAN XL"
+    if len(log["id"]) > ID_DIGITS_MAX:
+        return f"an identifier of over {ID_DIGITS_MAX} digits"
+    if not HEX.fullmatch(data):
+        return ""
+    if len(data) % 2:
+        return "its data end within a byte"
+    return "over 8 bytes in a classic frame" if len(data) > 16 else ""
 
 
 def _seconds(text: str, place: str) -> float:

@@ -239,6 +239,21 @@ def test_options_of_candump(tmp_path: Path) -> None:
     ]
 
 
+def test_damaged_lines_of_candump_are_skipped_with_their_reason(tmp_path: Path) -> None:
+    """python-can reads half a byte, data beyond those of a classic frame, and identifiers of any length."""
+    lines = ["100#1122334455667788", "100#112", "100#112233445566778899", "1FFFFFFFF#11", "100##1112233445566778899AABBCC", "100#"]
+    path = tmp_path / "drive.log"
+    path.write_text("".join(f"({k}.5) can0 {line}\n" for k, line in enumerate(lines)), encoding="ascii")
+    frames, account = read_frames(path)
+    assert [len(data) for data in frames.data] == [8, 12, 0]
+    assert (account.in_file, account.read) == (6, 3)
+    assert account.skipped == {
+        "its data end within a byte": (1, "line 2"),
+        "over 8 bytes in a classic frame": (1, "line 3"),
+        "an identifier of over 8 digits": (1, "line 4"),
+    }
+
+
 @pytest.mark.parametrize("view", [False, True])
 def test_differences_in_a_candump_are_added_up(view: bool, tmp_path: Path) -> None:
     steps = [0.0] + [0.001, 0.019] * 10
