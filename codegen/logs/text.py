@@ -278,7 +278,7 @@ class CandumpLines(Lines):
 
 
 def _damage(log: re.Match[str]) -> str:
-    """Return why a line of a log is skipped, or "". python-can reads half a byte, and identifiers and data that are too long."""
+    """Return why a line of a log is skipped, or "": python-can reads half a byte, and too long identifiers and data."""
     data = log["data"]
     if XL_DATA.fullmatch(data):
         return "a frame of CAN XL"

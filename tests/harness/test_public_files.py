@@ -19,6 +19,14 @@ from tests.logs.test_databases import DBC
 
 __all__ = ["in_this_process"]
 
+LONG = f"Name_of_{'x' * 30}"
+LONG_NAMES = f'''BO_ 2 Long: 8 A
+ SG_ Short : 0|8@1+ (1,0) [0|0] "" A
+BA_DEF_ SG_ "SystemSignalLongSymbol" STRING ;
+BA_DEF_ BO_ "SystemMessageLongSymbol" STRING ;
+BA_ "SystemMessageLongSymbol" BO_ 2 "{LONG}_M";
+BA_ "SystemSignalLongSymbol" SG_ 2 Short "{LONG}_S";
+'''
 OTHER = 'BO_ 1073741824 Beyond: 8 A\n SG_ Any : 0|8@1+ (1,0) [0|0] "" A\nCM_ "\nBO_ 9 no message: 8 A\n";\n'
 
 
@@ -42,6 +50,14 @@ def test_every_entry_is_read_or_refused(tmp_path: Path, capsys: pytest.CaptureFi
     assert found.figures[".dbc"] == {"files": 1, "entries": 3, "read": 2, "refused": 1, "other": 0, "faults": 0}
     assert found.figures[".trc"] == {"files": 1, "entries": 3, "read": 0, "refused": 3, "other": 0, "faults": 0}
     assert "not a log; give .mf4" in capsys.readouterr().out
+
+
+def test_names_of_over_32_characters_are_counted_by_their_whole_names(tmp_path: Path) -> None:
+    path = tmp_path / "car.dbc"
+    path.write_text(DBC + LONG_NAMES, encoding="utf-8")
+    messages, signals, _ = counts.statements(path)
+    assert (2, f"{LONG}_M") in messages and any(signal[:2] == (f"{LONG}_M", f"{LONG}_S") for signal in signals)
+    assert files.account_of(path).faults == ()
 
 
 def losing(real: Callable[..., Any], what: Callable[[Any], None]) -> Callable[..., Any]:

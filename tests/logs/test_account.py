@@ -241,7 +241,14 @@ def test_options_of_candump(tmp_path: Path) -> None:
 
 def test_damaged_lines_of_candump_are_skipped_with_their_reason(tmp_path: Path) -> None:
     """python-can reads half a byte, data beyond those of a classic frame, and identifiers of any length."""
-    lines = ["100#1122334455667788", "100#112", "100#112233445566778899", "1FFFFFFFF#11", "100##1112233445566778899AABBCC", "100#"]
+    lines = [
+        "100#1122334455667788",
+        "100#112",
+        "100#112233445566778899",
+        "1FFFFFFFF#11",
+        "100##1112233445566778899AABBCC",
+        "100#",
+    ]
     path = tmp_path / "drive.log"
     path.write_text("".join(f"({k}.5) can0 {line}\n" for k, line in enumerate(lines)), encoding="ascii")
     frames, account = read_frames(path)

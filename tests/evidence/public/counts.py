@@ -24,6 +24,9 @@ SIGNAL = re.compile(
     r"[ \t]*SG_[ \t]+(\w+)[^:\n]*:[ \t]*(\d+)\|(\d+)@([01])([+-])[ \t]*\([ \t]*([-+.\dEe]+)[ \t]*,[ \t]*([-+.\dEe]+)[ \t]*\)"
 )
 ANY_SIGNAL = re.compile(r"[ \t]*SG_[ \t]")
+LONG_MESSAGE = re.compile(r'^BA_[ \t]+"SystemMessageLongSymbol"[ \t]+BO_[ \t]+(\d+)[ \t]+"(\w+)"', re.MULTILINE)
+LONG_SIGNAL = re.compile(r'^BA_[ \t]+"SystemSignalLongSymbol"[ \t]+SG_[ \t]+(\d+)[ \t]+(\w+)[ \t]+"(\w+)"', re.MULTILINE)
+"""Whole names of over 32 characters, which the statements have in a shorter form."""
 OF_NO_MESSAGE = "VECTOR__INDEPENDENT_SIG_MSG"
 """Name under which a DBC has signals of no message."""
 IDENTIFIER_MASK = 0x1FFF_FFFF
@@ -44,19 +47,23 @@ def statements(path: Path) -> tuple[Counter[tuple[int, str]], Counter[Signal], i
     """Return identifier and name of each message of a DBC, its signals, and the number of all lines that define a signal."""
     messages: Counter[tuple[int, str]] = Counter()
     signals: Counter[Signal] = Counter()
-    lines, name, in_text = 0, "", False
-    for line in text_of(path).splitlines():
+    lines, number, name, in_text = 0, "", "", False
+    text = text_of(path)
+    long_messages = dict(LONG_MESSAGE.findall(text))
+    long_signals = {(message, short): whole for message, short, whole in LONG_SIGNAL.findall(text)}
+    for line in text.splitlines():
         was_in_text, in_text = in_text, in_text ^ (line.replace('\\"', "").count('"') % 2 == 1)
         if was_in_text:
             continue
         if found := MESSAGE.match(line):
-            name = found[2]
+            number, name = found[1], long_messages.get(found[1], found[2])
             if name != OF_NO_MESSAGE:
-                messages[int(found[1]) & IDENTIFIER_MASK, name] += 1
+                messages[int(number) & IDENTIFIER_MASK, name] += 1
         lines += ANY_SIGNAL.match(line) is not None
         if found := SIGNAL.match(line):
             signal, start, length, order, sign, factor, offset = found.groups()
-            signals[name, signal, int(start), int(length), order == "1", sign == "-", float(factor), float(offset)] += 1
+            whole = long_signals.get((number, signal), signal)
+            signals[name, whole, int(start), int(length), order == "1", sign == "-", float(factor), float(offset)] += 1
     return messages, signals, lines
 
 
