@@ -6,9 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from codegen.errors import printable
+
+_ONE_LINE = str.maketrans("\n\t", "  ")
+
 
 def text_table(header: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -> str:
-    """Return a header and rows as aligned columns, the first `left` flush left and the others flush right."""
+    """Return a header and rows as aligned columns, the first `left` flush left and the others flush right. See `printable`."""
+    header, *rows = ([printable(cell).translate(_ONE_LINE) for cell in row] for row in (header, *rows))
     widths = [max(len(row[k]) for row in (header, *rows)) for k in range(len(header))]
 
     def line(cells: Sequence[str]) -> str:
