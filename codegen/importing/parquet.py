@@ -82,6 +82,8 @@ def _in_nanoseconds(kind: pa.DataType) -> pa.DataType | None:
     """Return the type of times in ns; None for other types."""
     if pa.types.is_timestamp(kind):
         return pa.timestamp("ns", tz=kind.tz)
+    if pa.types.is_date(kind):
+        return pa.timestamp("ns")
     if pa.types.is_time(kind):
         return pa.time64("ns")
     return pa.duration("ns") if pa.types.is_duration(kind) else None

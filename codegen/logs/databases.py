@@ -268,6 +268,8 @@ def _reason(error: Exception) -> str:
 # --- DBC -----------------------------------------------------------------------------------------------------------------
 
 SYNTAX = re.compile(r"Invalid syntax at line (\d+), column (\d+)")
+END = 'CM_ "";'
+"""A statement behind the last one. Without it cantools discards a last statement that is cut short."""
 UNFINISHED = re.compile(r"\s*(?:CM_|VAL_|BA_)(?!.*;\s*\Z)")
 """A statement without its semicolon: the next line is reported then."""
 TOO_LONG = re.compile(r"frame id 0x\w+ is more than (?:11|29) bits")
@@ -305,7 +307,7 @@ def _load_dbc(path: Path, findings: list[str]) -> tuple[Database, list[LeftOut]]
         lines[number - 1] = ""
 
     def load(tried: Sequence[str]) -> Database:
-        return database.load_string("\n".join(tried) + "\n", "dbc", strict=False)  # type: ignore[return-value]
+        return database.load_string("\n".join([*tried, END, ""]), "dbc", strict=False)  # type: ignore[return-value]
 
     for number, reason in list(_unusable(lines)):
         leave_out(number, reason)
@@ -323,6 +325,8 @@ def _load_dbc(path: Path, findings: list[str]) -> tuple[Database, list[LeftOut]]
             for number, reason in bad.items():
                 leave_out(number, reason)
         else:
+            if first is not None and not found.messages:
+                raise first
             for number in list(_of_no_message(lines)):
                 leave_out(number, "a signal of no message")
             return found, [left_out[number] for number in sorted(left_out)]
@@ -428,9 +432,11 @@ def _refused(error: str, lines: Sequence[str]) -> Iterator[tuple[int, str]]:
     """Yield the number from 1 and the reason of each line of the statements that an error of cantools is about."""
     if match := SYNTAX.search(error):
         number, column = int(match[1]), int(match[2])
-        if number > len(lines):
-            return
         before = next((above for above in range(number - 1, 0, -1) if lines[above - 1].strip()), 0)
+        if number > len(lines):
+            if before:
+                yield before, "the file ends within it"
+            return
         is_open = before and UNFINISHED.match(lines[before - 1]) and lines[number - 1][: column - 1].strip() == ""
         reason = "it does not end with a semicolon" if is_open else "it breaks the grammar of a DBC"
         yield from ((line, reason) for line in _statement(before if is_open else number, lines))

@@ -41,6 +41,13 @@ def test_times_of_the_day_become_nanoseconds(tmp_path: Path) -> None:
         np.testing.assert_array_equal(found, [0.0, 2e7, 4e7])
 
 
+def test_dates_become_nanoseconds(tmp_path: Path) -> None:
+    for kind, per_day in ((pa.date32(), 1), (pa.date64(), 86_400_000)):
+        pq.write_table(pa.table({"time": pa.array([0, per_day], kind)}), tmp_path / "drive.parquet")
+        assert parquet.columns(tmp_path / "drive.parquet")[0] == [("time", "time")]
+        np.testing.assert_array_equal(parquet.read(tmp_path / "drive.parquet", ["time"], 1000)[0], [0.0, 86400e9])
+
+
 def test_more_rows_than_the_limit_are_not_read(path: Path) -> None:
     assert len(parquet.read(path, ["vx", "stamp"], 4 * 2 * 8)) == 2
     with pytest.raises(ValueError, match=r"^4 rows, more than a file of its size may hold$"):

@@ -1,5 +1,6 @@
 """Databases as they are in use: encodings, lines that break the rules, identifiers that occur twice, addresses of J1939."""
 
+import contextlib
 import re
 from pathlib import Path
 
@@ -58,6 +59,17 @@ def test_a_line_that_breaks_the_rules_is_left_out_with_its_reason(line: str, rea
     ]
     count = "1 line is" if len(texts) == 1 else f"{len(texts)} lines are"
     assert found.findings[0] == f"{count} left out: {reason} (first: line 9: {texts[0].strip()})"
+
+
+def test_a_file_that_is_cut_short_says_so_at_each_place(tmp_path: Path) -> None:
+    """cantools discards a last statement that is not whole, without an error."""
+    text = DBC + 'VAL_ 257 Level 1 "on" ;\n'
+    for end in range(len(DBC.splitlines()[0]) + 50, len(text) - 1):
+        *whole, last = text[:end].split("\n")
+        is_whole = (last.startswith("BO_ ") and last.endswith(": 8 A")) or (last.startswith(" SG_ ") and last.endswith('" A'))
+        with contextlib.suppress(CodegenError):
+            found = load_database(write(tmp_path, text[:end]))
+            assert [each.number for each in found.left_out] == ([] if is_whole or not last.strip() else [len(whole) + 1]), last
 
 
 ATTRIBUTE = """BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","ExtendedCAN";
