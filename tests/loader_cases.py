@@ -368,7 +368,8 @@ def fault_apart(loader: Loader, data: bytes, folder: Path) -> str:
     """Return the fault in a loader's response to a file in a process of its own; see `fault_of`. A crash is one too, and more
     processor time or memory than a file of its size may take."""
     path = folder / loader.name
-    path.write_bytes(data)
+    size = path.write_bytes(data)
+    del data  # which the new process would have too
     reading, writing = os.pipe()
     process = os.fork()
     if process == 0:
@@ -381,10 +382,10 @@ def fault_apart(loader: Loader, data: bytes, folder: Path) -> str:
     with os.fdopen(reading, "rb") as stream:
         fault = stream.read().decode("utf-8", "replace")
     _, status, usage = os.wait4(process, 0)  # with the processes that it started
-    factor = max(1.0, len(data) / (64 * MIB))
+    factor = max(1.0, size / (64 * MIB))
     seconds, memory_bytes = usage.ru_utime + usage.ru_stime, usage.ru_maxrss * 1024
     if os.WIFSIGNALED(status):
         return f"ended by signal {os.WTERMSIG(status)} after {seconds:.0f} s"
     if seconds > CPU_S * factor:
         return f"took {seconds:.0f} s"
-    return fault or (f"took {memory_bytes / 1e9:.1f} GB" if memory_bytes > MEMORY_BYTES * factor else "")
+    return fault or (f"took {memory_bytes / 1e9:.2f} GB" if memory_bytes > MEMORY_BYTES * factor else "")
