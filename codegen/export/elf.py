@@ -149,6 +149,10 @@ class Elf:
             )
         if not found:
             return None
+        if found[0].type is None:
+            raise BuildError(
+                f"{steps[0][0]} has no type in its debug information", where=self.name, remedy="compile with -g, not with -g1"
+            )
         address, (lengths, element) = found[0].address, _dimensions(found[0].type)
         for step in steps[1:]:
             if step["index"] and lengths and int(step["index"]) < lengths[0]:

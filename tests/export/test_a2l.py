@@ -228,10 +228,14 @@ def debug_information_of(program: Path) -> Path:
     return written(program.with_suffix(".debug"), bytes(content))
 
 
+MAIN_OF_TASK = '#include "ars_task.h"\nars_task_t task;\nint main(void) { return task.has_measured; }\n'
 UNSUITABLE: dict[str, Callable[[Path], Path]] = {
     "not an ELF": lambda folder: BUILD / "README.md",
     "no symbols": lambda folder: compiled(BUILD, folder, EMPTY, "-s"),
     "no debug information": lambda folder: compiled(BUILD, folder, EMPTY, "-g0"),
+    "ars_epk has no type in its debug information; compile with -g, not": lambda folder: compiled(
+        BUILD, folder, MAIN_OF_TASK, "-g1"
+    ),
     "in files of its own, such as program-main.dwo; compile without -gsplit-dwarf": lambda folder: compiled(
         folder, folder, EMPTY, "-gsplit-dwarf"
     ),
