@@ -150,7 +150,8 @@ def _read(
     flag_of = dict(zip(flags, samples[len(samples) - len(flags) :], strict=True))
     for (key, (channel, unit)), one in zip(list(chosen.items()), samples[: len(samples) - len(flags)], strict=True):
         if one.time.size < 2 and _is_optional(key, chosen):
-            findings.append(Finding(name, key, UNUSED, f"{channel.path} has {one.time.size} samples"))
+            reason = f" ({one.remark})" if one.remark else ""
+            findings.append(Finding(name, key, UNUSED, f"{channel.path} has {one.time.size} samples{reason}"))
             del chosen[key]
             continue
         if key in flag_of:

@@ -137,8 +137,9 @@ def _time_size(mdf: MDF, number: int) -> float:
 
 def samples(
     path: Path, places: Sequence[tuple[int, int]], bytes_max: int
-) -> tuple[list[tuple[FloatArray, FloatArray]], list[Count], list[Group], list[str]]:
-    """Return times in s and values of channels, their counts, those of all groups, and asammdf's warnings.
+) -> tuple[list[tuple[FloatArray, FloatArray, str]], list[Count], list[Group], list[str]]:
+    """Return times in s and values of channels with a remark on those that have none, their counts, those of all groups, and
+    asammdf's warnings.
 
     Invalid samples are left out; texts, which mark reserved values, are NaN. Only stamps of the channels' groups are read.
 
@@ -146,7 +147,7 @@ def samples(
         bytes_max: limit on the size of all results.
 
     Raises:
-        ValueError: more than that, or a channel has no number.
+        ValueError: more than that.
         Exception: whatever asammdf raises for a damaged file.
     """
     with library_warnings.collected() as warnings, MDF(path) as mdf:
@@ -155,9 +156,10 @@ def samples(
         for place in places:
             try:
                 time, values, reasons = _samples(mdf, *place)
+                found.append((time, values, ""))
             except _NoNumbersError as error:
-                raise ValueError(str(error)) from None
-            found.append((time, values))
+                values, reasons = np.zeros(error.reasons.get(TEXT, 0)), error.reasons
+                found.append((np.array([]), np.array([]), str(error)))
             counts.append(_count(mdf, place, values, reasons))
         groups = _groups(mdf, {group for group, _ in places})
     return found, counts, groups, warnings

@@ -197,6 +197,23 @@ def test_an_optional_channel_without_samples_is_left_out(tmp_path: Path) -> None
     assert [finding.text for finding in reading.findings] == ["lateral_acceleration_m_s2 has 0 samples"]
 
 
+def test_an_optional_channel_of_texts_in_mf4_is_left_out_and_a_needed_one_is_named(tmp_path: Path) -> None:
+    time = np.arange(0.0, 1.0, 0.01)
+    moving = {"vx": ("m/s", 20.0 + time), "yaw_rate": ("rad/s", np.sin(time)), "delta_f": ("rad", 0.1 * np.sin(time))}
+    for key, expected in (("lateral_acceleration", None), ("yaw_rate", "0 samples for yaw_rate .yaw_rate has texts instead")):
+        mdf = asammdf.MDF(version="4.10")
+        mdf.append([asammdf.Signal(one, time, name=name, unit=unit) for name, (unit, one) in moving.items() if name != key])
+        mdf.append([asammdf.Signal(np.array([b"error"] * time.size), time, name=key, encoding="utf-8")])
+        mdf.save(tmp_path / "drive.mf4", overwrite=True)
+        if expected:
+            with pytest.raises(CodegenError, match=expected):
+                read_drives([tmp_path / "drive.mf4"], names=Names.model_validate({key: {"signal": key, "unit": "rad/s"}}))
+            continue
+        reading = read_drives([tmp_path / "drive.mf4"], names=Names.model_validate({key: {"signal": key, "unit": "m/s^2"}}))
+        assert key not in reading.sources[0]
+        assert f"{key} has 0 samples ({key} has texts instead of numbers)" in [finding.text for finding in reading.findings]
+
+
 def test_an_error_about_a_missing_signal_names_what_was_not_read(tmp_path: Path) -> None:
     path = write_bus(tmp_path / "drive.log", frames())
     text = (tmp_path / "car.dbc").read_text(encoding="utf-8")
