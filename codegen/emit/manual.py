@@ -41,18 +41,9 @@ SUITES = {
     "scenarios": "scenarios in closed loop, by calls and through CAN frames",
     "faults": "faults of the catalogue",
     "steps": "steps of the drives",
-    "look_ups": "look-ups against the reference",
+    "look_ups": "look-ups on every road",
 }
 """Figures of the sanitizers."""
-LAW_FIGURES = {
-    "drives": "drives",
-    "parameter_sets": "of these, with random parameters",
-    "samples": "samples",
-    "task_cycles": "cycles of the task, frames in and frame out",
-    "long_drives": "long drives, of single units too",
-    "long_drive_samples": "samples in which these repeat an input, in C only",
-}
-"""Figures of the comparison with the second implementation."""
 
 
 @dataclass(frozen=True)
@@ -321,7 +312,6 @@ TABLES: Mapping[str, Sequence[Callable[[Figures], Table]]] = {
     "processor-in-the-loop": (_streams, _pairs(("random steps that ended in", "steps"), "statuses"), _dynamics),
     "budgets": (_instructions, _stack, _memory),
     "generator": (_pairs(("stream", "calls"), "calls"),),
-    "law": (_ran(("compared", "number"), LAW_FIGURES), _pairs(("samples that ended in", "samples"), "statuses")),
     "sanitizers": (_ran(("what ran", "result"), SUITES), _fuzzed),
     "contracts": (_pairs(("contract of, or lemma", "result"), "harnesses"),),
     "memory": (_pairs(("alarms of the kind", "number"), "alarms"),),

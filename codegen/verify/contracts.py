@@ -22,8 +22,8 @@ from codegen.errors import BuildError
 from codegen.sil.software import Software
 from codegen.verify.cbmc import Cbmc, installed
 from codegen.verify.check import Effort, Outcome, Subject, Verdict, stored
-from codegen.verify.law.states import fields, initialised_states
 from codegen.verify.on_host import software_of
+from codegen.verify.states import fields, initialised_states
 
 Proof = Literal["proved", "failed", "open"]
 TIME_LIMIT_S, QUICK_TIME_LIMIT_S = 300.0, 20.0

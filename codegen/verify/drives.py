@@ -35,6 +35,8 @@ Samples = npt.NDArray[np.float32]
 """Consecutive samples, (samples, 7) by COLUMNS: the fields of `Measurement` that every build has, `inhibit` as 0 or 1."""
 
 COLUMNS = tuple(each.role for each in MEASURED if each.is_used and not each.is_extra)
+NUMBERS = tuple(each.role for each in MEASURED if each.is_used and each.is_real)
+"""Numbers of a measurement that the controller uses, in order."""
 
 DELAY_SAMPLES = 1
 """Computing delay in the recordings: an ECU sends its command one period after sampling."""

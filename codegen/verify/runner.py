@@ -82,13 +82,6 @@ CHECKS = (
         quick=True,
     ),
     Registered(
-        "law",
-        "control law",
-        "codegen.verify.law.check",
-        "Every command equals that of a second implementation of the law, bit for bit",
-        quick=True,
-    ),
-    Registered(
         "sanitizers",
         "sanitizers",
         "codegen.verify.sanitizers.check",
@@ -108,17 +101,8 @@ CHECKS = (
     ),
 )
 SLOWEST_FIRST = (
-    *(
-        "contracts",
-        "sanitizers",
-        "compiles",
-        "static-analysis",
-        "law",
-        "processor-in-the-loop",
-        "memory",
-        "budgets",
-        "generator",
-    ),
+    *("contracts", "sanitizers", "compiles", "static-analysis"),
+    *("generator", "processor-in-the-loop", "memory", "budgets"),
 )
 """Order in which checks start. In every effort, the first PARALLEL_CHECKS of them do not use `Subject.unbounded`."""
 

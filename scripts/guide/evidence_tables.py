@@ -68,7 +68,11 @@ def details() -> str:
 
 
 HEADS = dict(
-    zip(CHECKS, ("CBMC", "EVA", "law", "sani\u00adtizers", "PIL", "bud\u00adgets", "com\u00adpilers", "static"), strict=True)
+    zip(
+        CHECKS,
+        ("CBMC", "EVA", "gen\u00aderator", "sani\u00adtizers", "PIL", "bud\u00adgets", "com\u00adpilers", "static"),
+        strict=True,
+    )
 )
 """Check -> head of its column in the table of planted faults, short and with soft hyphens."""
 

@@ -99,9 +99,9 @@ def add_kind(tree: Copy) -> None:
         '        Law(\n            kind="proportional",\n',
         LAW + '        Law(\n            kind="proportional",\n',
     )
-    tree.replace("codegen/verify/law/kinds.py", "SECOND: Mapping", SECOND + "SECOND: Mapping")
+    tree.replace("tests/oracle/kinds.py", "SECOND: Mapping", SECOND + "SECOND: Mapping")
     tree.after(
-        "codegen/verify/law/kinds.py",
+        "tests/oracle/kinds.py",
         '    "proportional": SecondProportional,\n',
         '    "share": SecondShare,\n',
     )

@@ -13,9 +13,9 @@ from codegen.emit.dynamics_view import LATERAL_ACCELERATION_MAX, SIDESLIP_MAX, R
 from codegen.errors import BuildError
 from codegen.vehicle.dynamics import single_track
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
-from codegen.verify.law.tracking import SecondReferenceModel, TableCurve
 from hil_sim.suite.cars import DEVELOPMENT_SEED, random_cars
 from tests import builds
+from tests.oracle.tracking import SecondReferenceModel, TableCurve
 
 CONFIG = builds.TRACKING_CONFIG
 SHAPES = [(c, e) for c in (0.5, 1.3, 2.5) for e in (-20.0, -0.5, 0.5, 0.99, 1.0)]

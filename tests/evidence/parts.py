@@ -77,7 +77,7 @@ MAPS = ("codegen/map_file/*", "codegen/optimum/*", "codegen/ecu_map/*", "codegen
 TUNING = ("codegen/design/*",)
 COMMANDS = ("codegen/*.py", "codegen/[!e]*/**/*", "codegen/ex*/**/*", "hil_sim/**/*")
 """Code that the commands run, except `codegen/emit`, whose output `make test` compares byte by byte."""
-SIL = ("codegen/sil/*", "codegen/verify/law/*", "tests/sil/*")
+SIL = ("codegen/sil/*", "codegen/verify/drive*.py", "tests/oracle/*", "tests/sil/*")
 GENERATOR = ("templates/**/*", "codegen/emit/**/*", *MAPS, *SIL)
 VERIFY = ("codegen/verify/**/*", "templates/verify/*")
 BENCH = ("hil_sim/**/*", "templates/linux/*", "generated/4ws2*/linux/*", *C, *CONFIG, *SIL)

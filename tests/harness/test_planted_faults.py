@@ -27,14 +27,14 @@ def test_every_block_of_the_file_is_a_fault() -> None:
 
 
 def test_a_fault_may_replace_several_texts_of_several_lines() -> None:
-    (fault,) = read_faults("\n## a kind\n\na fault (unit): law memory\n- a;\n-     b;\n+ c;\n- d;\n+ e;\n+ \n+ f;\n")
-    assert (fault.kind, fault.name, fault.unit, fault.found_by) == ("a kind", "a fault", "unit", ("law", "memory"))
+    (fault,) = read_faults("\n## a kind\n\na fault (unit): generator memory\n- a;\n-     b;\n+ c;\n- d;\n+ e;\n+ \n+ f;\n")
+    assert (fault.kind, fault.name, fault.unit, fault.found_by) == ("a kind", "a fault", "unit", ("generator", "memory"))
     assert fault.replacements == (("a;\n    b;", "c;"), ("d;", "e;\n\nf;"))
 
 
 def test_the_table_marks_the_checks_that_find_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
     figures = {
-        "one": {"kind": "bounds", "found by": ["contracts", "law"]},
+        "one": {"kind": "bounds", "found by": ["contracts", "generator"]},
         "two": {"kind": "bounds", "found by": ["memory"]},
         "three": {"kind": "NaN", "found by": []},
     }

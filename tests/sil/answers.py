@@ -15,10 +15,10 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.sil.software import Measurement, Status
-from codegen.verify.law.controller import SecondLimiter
-from codegen.verify.law.drive_cycle import drive
-from codegen.verify.law.tracking import SecondReferenceModel
+from codegen.verify.drive_cycle import drive
 from tests.builds import Built
+from tests.oracle.controller import SecondLimiter
+from tests.oracle.tracking import SecondReferenceModel
 from tests.sil import checks_limiter
 from tests.sil.checks_kinds import OPEN, config_of, model_of, open_limiter, parameters_of
 from tests.sil.checks_lookup import all_points, bits
@@ -55,7 +55,9 @@ def answers_of_drive(built: Built, changes: Mapping[str, Any], count: int = 2500
     """Return the model's results for a drive, which must reach every status; standby only where a law waits for a speed."""
     rng = np.random.default_rng(seed)
     start = float(rng.uniform(-0.08, 0.08))
-    measurements = drive(rng, count, built.lookup, config_of(built).vehicle.wheelbase, **course)
+    measurements = drive(
+        rng, count, built.lookup, config_of(built).vehicle.wheelbase, built.lookup.accelerations.tolist(), **course
+    )
     known = answers_of(built, changes, measurements, start)
     known_statuses = set(Status) - (set() if config_of(built).controller.waits_for_speed else {Status.STANDBY})
     missed = known_statuses - {Status(status) for status in known.wanted[:, 2]}

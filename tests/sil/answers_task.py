@@ -15,10 +15,10 @@ from codegen.configuration.can import FRAME_BYTES, Can
 from codegen.configuration.signals import Status
 from codegen.emit.can_view import ANGLE_WAIT_S, WHEELS_WAIT_S
 from codegen.emit.supervision import Cause, State, next_state, status_of
-from codegen.verify.law.task import SecondTask
 from hil_sim.codec import DIAGNOSTICS, Codec, Frame, RearSteerCommand, VehicleConditions, VehicleMotion
 from hil_sim.e2e import E2eState, next_counter, protect
 from tests.builds import SPEED, Built
+from tests.oracle.task import SecondTask
 from tests.sil.checks_kinds import OPEN, model_of, parameters_of
 
 STARTS, CYCLES = 20, 140

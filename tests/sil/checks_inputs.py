@@ -12,7 +12,7 @@ from codegen.emit.laws import law_of
 from codegen.sil.software import Controller, Measurement, Status
 from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
-from codegen.verify.law.controller import feedback_speeds
+from codegen.verify.unit_drives import feedback_speeds
 from tests.builds import Built
 from tests.sil.checks_kinds import OPEN, config_of, parameters_of
 

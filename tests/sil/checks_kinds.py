@@ -9,9 +9,9 @@ import numpy.typing as npt
 
 from codegen.configuration import Config
 from codegen.sil.software import Measurement, Status
-from codegen.verify.law.controller import SecondController
-from codegen.verify.law.kinds import second_controller
 from tests.builds import Built
+from tests.oracle.controller import SecondController
+from tests.oracle.kinds import second_controller
 
 
 def config_of(built: Built) -> Config:

@@ -9,7 +9,7 @@ from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.vehicle.plant_car import load_transfer_losses
 from codegen.vehicle.tyre import AxleTyres
-from codegen.verify.law.tracking import (
+from tests.oracle.tracking import (
     ARGUMENT_MAX,
     LATERAL_ACCELERATION_MAX,
     SIDESLIP_MAX,

@@ -27,16 +27,17 @@ from codegen.sil.software import RECORD_COLUMNS, Measurement, compile_build
 from codegen.sil.toolchain import compiler_command
 from codegen.units import KM_H
 from codegen.vehicle.tyre import slip_bounds
-from codegen.verify.law.controller import Road
-from codegen.verify.law.drive_cycle import drive
-from codegen.verify.law.kinds import second_controller
-from codegen.verify.law.pairs import ControllerPair, InputsPair, Stretch, compare
+from codegen.verify.drive_cycle import drive
+from codegen.verify.unit_drives import Stretch
 from hil_sim.codec import Codec, VehicleConditions
 from tests import builds
 from tests.builds import Built
 from tests.emit.rendered import laid_out
 from tests.emit.test_contracts import FLAGS
 from tests.optimum.cars import changed
+from tests.oracle.controller import Road
+from tests.oracle.kinds import second_controller
+from tests.oracle.pairs import ControllerPair, InputsPair, compare
 
 CASE, ACCELERATIONS = "4ws-2", (-6.0, -4.0, 0.0, 3.0)
 KINDS: tuple[Kind, ...] = ("pi", "tracking")
@@ -164,7 +165,9 @@ def test_the_controller_equals_its_second_implementation_bit_for_bit(kind: Kind)
     software, parameters = built.software, built.software.parameters()
     road = Road(built.total.friction, built.total.lateral_acceleration_cap)
     second = second_controller(software.config, parameters, built.lookup, road, 0.0)
-    samples = drive(np.random.default_rng(1), 1_500, built.lookup, software.config.vehicle.wheelbase)
+    samples = drive(
+        np.random.default_rng(1), 1_500, built.lookup, software.config.vehicle.wheelbase, built.lookup.accelerations.tolist()
+    )
     known = [sample.longitudinal_acceleration for sample in samples if math.isfinite(sample.longitudinal_acceleration)]
     assert np.ptp(known) > 9.0
     with np.errstate(all="ignore"):

@@ -238,12 +238,19 @@ def _columns(software: Software, kind: str, variable: str) -> list[Column]:
     return found
 
 
-def rows_of_cycles(cycles: Sequence[Cycle], batch: Batch, word: Word, restarts: Sequence[int] = (0,)) -> Rows:
-    """Convert cycles to rows of the batch "task"; the task is initialised before some of them."""
-    rows = np.zeros((len(cycles), len(batch.inputs)), dtype=word)
-    rows[[cycle for cycle in restarts if cycle < len(cycles)], 0] = 1
+def rows_of_cycles(cycles: Sequence[Cycle], batch: Batch, word: Word, restarts: Iterable[int] = (0,)) -> Rows:
+    """Convert cycles to rows of the batch "task"; the task is initialised before some of them.
+
+    A cycle with more than FRAMES frames takes several rows, of which only the last one calls the task.
+    """
+    starts, parts = frozenset(restarts), []
+    for number, cycle in enumerate(cycles):
+        split = [cycle[first : first + FRAMES] for first in range(0, max(len(cycle), 1), FRAMES)]
+        parts += [((number in starts and place == 0) + 2 * (place < len(split) - 1), part) for place, part in enumerate(split)]
+    rows = np.zeros((len(parts), len(batch.inputs)), dtype=word)
     columns = frame_columns(batch)
-    for row, frames in zip(rows, cycles, strict=True):
+    for row, (flags, frames) in zip(rows, parts, strict=True):
+        row[0] = flags
         row[1] = len(frames)
         for frame, words in zip(frames, row[2:].reshape(FRAMES, columns), strict=False):
             padded = frame.data.ljust(FRAME_WORD_BYTES * (columns - 2), b"\0")
@@ -271,9 +278,11 @@ class OnHost:
         )
         self._ffi, self._lib = library.ffi, library.lib
 
-    def run(self, batch: Batch, rows: Rows) -> Rows:
-        """Run rows (n, inputs) and return rows (n, outputs)."""
+    def run(self, batch: Batch, rows: Rows, parameters: int = 0) -> Rows:
+        """Run rows (n, inputs) and return rows (n, outputs). `parameters`: address of their struct; 0: the default ones."""
         ffi, word = self._ffi, self._program.word
+        if hasattr(self._lib, "verify_parameters"):
+            self._lib.verify_parameters = ffi.cast("void *", parameters)
         given = np.ascontiguousarray(rows, dtype=word)
         results = np.empty((len(rows), len(batch.outputs)), dtype=word)
         getattr(self._lib, f"verify_batch_{batch.name}")(

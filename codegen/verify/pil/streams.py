@@ -7,7 +7,7 @@ seed give the same rows.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from codegen.configuration import Config
 from codegen.configuration.signals import SignalDefinition
+from codegen.sil.software import Measurement
 from codegen.units import KM_H
 from codegen.verify.drives import COLUMNS, GAPS, HELD, Samples, Thresholds, drawn, moving
 from codegen.verify.pil.batches import (
@@ -23,14 +24,19 @@ from codegen.verify.pil.batches import (
     FRICTIONS,
     WHOLE,
     Batch,
+    Program,
     Rows,
     Runner,
     Word,
     frame_columns,
     outside_drives,
     real_of,
+    rows_of_cycles,
 )
+from codegen.verify.unit_drives import Drive
 
+BATCH = 36_000
+"""Maximum rows of a part of a drive."""
 REPLACED_FRACTIONS = (0.0, 0.01, 0.0, 0.3, 0.0, 1.0)
 """Fraction of the numbers that are replaced by arbitrary ones, in consecutive stretches: each kind of damage, and time to
 recover."""
@@ -201,6 +207,37 @@ class Stream:
             f"{name} = {int(word) if name in WHOLE else format_word(word)}"
             for name, word in zip(self.batch.inputs, words, strict=True)
         )
+
+
+def streams_of(drive: Drive, program: Program) -> Iterator[Stream]:
+    """Yield a drive in parts of at most BATCH rows. The drives of the inputs run in the controller."""
+    batch = program.batches["controller" if drive.unit == "inputs" else drive.unit]
+    row = "cycle" if drive.unit == "task" else "sample"
+    first, *others = drive.stretches
+    yield Stream(drive.name, row, batch, _rows(first.samples, batch, program.word, drive.restarts, drive.start))
+    for samples, rounds in ((first.samples, first.rounds - 1), *((each.samples, each.rounds) for each in others)):
+        rows = _rows(samples, batch, program.word)
+        at_once = max(BATCH // len(rows), 1)
+        for done in range(0, rounds, at_once):
+            yield Stream(drive.name, row, batch, np.tile(rows, (min(at_once, rounds - done), 1)))
+
+
+def _rows(samples: Sequence[Any], batch: Batch, word: Word, restarts: Sequence[int] = (), start: float = 0.0) -> Rows:
+    """Convert samples of a drive to rows."""
+    if batch.name == "task":
+        return rows_of_cycles(samples, batch, word, restarts)
+    names = batch.inputs[2:]
+    numbers = [[getattr(sample, name) for name in names] if isinstance(sample, Measurement) else sample for sample in samples]
+    values = np.array(numbers, dtype=np.float64)
+    rows = np.zeros((len(samples), len(batch.inputs)), dtype=word)
+    with np.errstate(over="ignore"):
+        rows[:, 2:] = values.astype(real_of(word)).view(word)
+        rows[:, 1] = np.array(start, dtype=real_of(word)).view(word)
+    for place, name in enumerate(names):
+        if name in WHOLE:
+            rows[:, 2 + place] = values[:, place].astype(word)
+    rows[[*restarts], 0] = 1
+    return rows
 
 
 def differences(stream: Stream, here: Runner, there: Runner, expected: Rows) -> tuple[int, tuple[str, ...]]:

@@ -7,13 +7,12 @@ from tests.additions.test_kind import BUILD, MAP, add_kind
 
 CHECK = """
 from codegen.verify import cbmc
-from codegen.verify.check import Effort, Subject, Verdict, stored
+from codegen.verify.check import Subject, stored
 from codegen.verify.contracts import prove
-from codegen.verify.law import check as law
+from tests.oracle.check import check
 
-manifest = {"files": {}, **folder.manifest}
-outcome = law.check(Subject("share", folder.files, manifest), Effort(quick=True))
-assert outcome.verdict is Verdict.PASSED, outcome.findings
+found = check(Subject("share", folder.files, {"files": {}, **folder.manifest}))
+assert not found.findings, found.findings
 
 with stored(folder.files) as place:
     results = prove(place, cbmc.installed(), wanted=lambda name: name.startswith("ars_law_"))

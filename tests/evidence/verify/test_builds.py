@@ -93,7 +93,7 @@ def test_nothing_is_found(check: str, name: str) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("check", ["processor-in-the-loop", "budgets", "law", "sanitizers"])
+@pytest.mark.parametrize("check", ["processor-in-the-loop", "budgets", "sanitizers"])
 def test_outcomes_are_repeatable(check: str) -> None:
     subject = planted.subject_of(builds.made("pi", "uneven"))
     first, second = (importlib.import_module(MODULES[check]).check(subject, Effort(quick=True)) for _ in range(2))

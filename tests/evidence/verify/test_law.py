@@ -1,38 +1,28 @@
-"""Check `law`: a build equals its second implementation, and long drives find faults of counters."""
+"""Builds of every kind equal their second implementation, and long drives find faults of counters."""
 
 import dataclasses
 import re
 
 import pytest
 
-from codegen.verify.budgets import bounded_loops
-from codegen.verify.check import Effort, Outcome, Subject, Verdict
-from codegen.verify.law import check as law
+from codegen.verify.check import Subject
+from codegen.verify.unit_drives import Size
+from tests.evidence.verify.test_builds import BUILDS
+from tests.oracle.check import check
 from tests.verify import builds, planted
 
 PI = builds.made("pi", "uneven")
-
-
-@pytest.fixture
-def few_drives(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Simulate few drives, and skip the slow search for endless loops."""
-    monkeypatch.setattr(law, "SIZE_QUICK", law.Size(60, 300, 3, 200, all_long_drives=False))
-    monkeypatch.setattr(bounded_loops, "complaints", lambda files, manifest: ())
-
-
-def checked(subject: Subject) -> Outcome:
-    return law.check(subject, Effort(quick=True))
+FEW = Size(60, 300, 3, 200)
 
 
 @pytest.mark.long
-@pytest.mark.usefixtures("few_drives")
-def test_a_build_equals_its_second_implementation() -> None:
-    found = checked(planted.subject_of(builds.made("tracking", "uneven")))
-    assert (found.findings, found.verdict) == ((), Verdict.PASSED)
-    assert min(found.figures["statuses"].values()) > 0
+@pytest.mark.parametrize("name", BUILDS)
+def test_a_build_equals_its_second_implementation(name: str) -> None:
+    found = check(planted.subject_of(BUILDS[name]()))
+    assert not found.findings
+    assert min(found.statuses.values()) > 0
 
 
-@pytest.mark.usefixtures("few_drives")
 @pytest.mark.parametrize(
     ("path", "removed", "finding"),
     [
@@ -45,7 +35,8 @@ def test_a_build_equals_its_second_implementation() -> None:
 def test_stale_initialisations_and_unsound_numbers_are_found(path: str, removed: str, finding: str) -> None:
     kept = "    self->sample" if removed.endswith("sample") else ""
     files = builds.with_text(PI, f"src/ars_{path}", removed, kept)
-    assert any(finding in line for line in checked(Subject("planted", files, PI.manifest)).findings)
+    found = check(Subject("planted", files, PI.manifest), FEW, with_long_drives=False)
+    assert any(finding in line for line in found.findings)
 
 
 COUNTERS = (
@@ -102,12 +93,11 @@ FOUND = (
 )
 
 
-@pytest.mark.usefixtures("few_drives")
 def test_faults_of_counters_are_found_by_long_drives_only() -> None:
     files = dict(PI.files)
     for path, old, new in COUNTERS:
         files[path] = builds.with_text(dataclasses.replace(PI, files=files), path, old, new)[path]
-    found = checked(Subject("planted", files, PI.manifest)).findings
+    found = check(Subject("planted", files, PI.manifest), FEW).findings
     for pattern in FOUND:
         assert any(re.match(pattern, line) for line in found), (pattern, found)
     long = ("an hour of ", "losses ", "input losses ", "limiter ", "E2E, ", "task, ")

@@ -49,7 +49,7 @@ def test_wrong_results_of_every_suite_are_found() -> None:
         "e2e_check": ACCEPT_ANY_CRC,
         "map_yaw_rate_on_road": (
             "    return planted_ars_map_yaw_rate_on_road(speed, front_angle, friction)"
-            " * ((friction < 0.2f) ? 1.0000002f : 1.0f);"
+            " * ((friction < 0.2f) ? (1.0f / 0.0f) : 1.0f);"
         ),
     }.items():
         folder = replace(folder, files=planted.wrapped(folder, f"ars_{function}", body).files)
@@ -59,7 +59,7 @@ def test_wrong_results_of_every_suite_are_found() -> None:
     for pattern in (
         r"src/ars_selftest\.c: the self-test fails",
         r"drive \d, step \d+: 0\.07\d* rad, reference \S+ rad/s, status \d after \(",
-        r"src/ars_map\.c: the look-up at \S+ m/s, \S+ rad, friction \S+ gives .*, the reference .* are wrong\)",
+        r"src/ars_map\.c: the look-up at \(\S+, \S+\) on a road of friction \S+, at 0 m/s\^2 is no number",
         r"scenario \S+: the rear angle goes to 0\.07 rad, or a signal is no number",
         r"scenario \S+ through CAN frames: the rear angle goes to ",
         r"fault corrupt-50, a bit flipped in 50 samples: ",

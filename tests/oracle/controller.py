@@ -10,7 +10,7 @@ from codegen.configuration import Config
 from codegen.ecu_map.lookup import Lookup
 from codegen.emit.controller_view import SLOW_RATE, STANDING_SPEED
 from codegen.sil.software import Command, Measurement, Status
-from codegen.verify.law.inputs import Quality, SecondInputs
+from tests.oracle.inputs import Quality, SecondInputs
 
 
 def clip(value: Any, low: Any, high: Any) -> Any:
@@ -70,13 +70,6 @@ class SecondLimiter:
                 share = (self.speed - speeds[k - 1]) / (speeds[k] - speeds[k - 1])
                 return bounds[k - 1] + share * (bounds[k] - bounds[k - 1])
         return bounds[-1]
-
-
-def feedback_speeds(parameters: Any) -> tuple[float, float]:
-    """Return the speeds in m/s at which feedback ends, and from which it is whole, of a parameter struct in C."""
-    if hasattr(parameters, "enable_speed"):
-        return parameters.disable_speed, parameters.enable_speed
-    return parameters.slow_speed, 2.0 * parameters.slow_speed
 
 
 class Road(NamedTuple):

@@ -8,8 +8,8 @@ from typing import Any
 from codegen.configuration import Config
 from codegen.ecu_map.lookup import Lookup
 from codegen.sil.software import Measurement
-from codegen.verify.law.controller import Road, SecondController, clip
-from codegen.verify.law.tracking import SecondTracking
+from tests.oracle.controller import Road, SecondController, clip
+from tests.oracle.tracking import SecondTracking
 
 
 class SecondPi(SecondController):

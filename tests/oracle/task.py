@@ -11,10 +11,10 @@ from codegen.configuration.can import Can
 from codegen.configuration.e2e_profiles import DataId
 from codegen.emit.supervision import CAUSES, STATES, Cause, State, next_state, status_of
 from codegen.sil.software import Command, Measurement, Status
-from codegen.verify.law.controller import SecondController
-from codegen.verify.law.inputs import Quality
 from hil_sim.codec import DIAGNOSTICS, Codec, Frame, RearSteerCommand, VehicleConditions, VehicleMotion
 from hil_sim.e2e import E2eState, E2eStatus, Receiver, Supervision, next_counter, protect
+from tests.oracle.controller import SecondController
+from tests.oracle.inputs import Quality
 
 ANGLE_WAIT_S, WHEELS_WAIT_S = 0.1, 5.0
 """Times for which the command waits for the rear angle, and for wheels that do not follow, from the header of the task."""

@@ -1,6 +1,6 @@
 """Drives that bring counters to their limits: inputs held for an hour, and inputs chosen by the state.
 
-A drive of an hour is a few samples that repeat; see `pairs`. The lengths of losses lie around the powers of two at which a
+A drive of an hour is a few samples that repeat. The lengths of losses lie around the powers of two at which a
 counter would overflow.
 """
 
@@ -15,10 +15,8 @@ from typing import Any
 import numpy as np
 
 from codegen.sil.software import Measurement, Software
-from codegen.verify.law.controller import feedback_speeds
-from codegen.verify.law.inputs import SecondInputs, Signal, strongest_braking
-from codegen.verify.law.pairs import ControllerPair, InputsPair, LimiterPair, Pair, ReceiverPair, Stretch, TaskPair
 from codegen.verify.traffic import Cycle, frames_of
+from codegen.verify.unit_drives import Drive, Stretch, feedback_speeds
 from hil_sim.codec import Codec, Frame
 
 HOUR_S = 3_600.0
@@ -45,15 +43,10 @@ COUNTER_STEPS = 15
 """Steps of the counter after a silence: all of profile 1, and those around the window of the others."""
 FRAME_COUNTS = (255, 256, 257)
 """Frames of one message in a cycle, around the overflow of eight bits."""
-
-
-@dataclass(frozen=True)
-class Drive:
-    """A drive of one unit, from its initial state."""
-
-    name: str
-    pair: Pair
-    stretches: Sequence[Stretch]
+DAMAGED, SILENT = -2, -1
+"""Samples of the receiver besides the advance of the sender's counter since the last frame."""
+MEASURED = 0
+"""Source of a signal that is measured, in the C."""
 
 
 @dataclass(frozen=True)
@@ -62,14 +55,10 @@ class LongDrives:
 
     Attributes:
         software: the compiled C.
-        controller, task: both implementations in their initial state, for parameters.
         turn: plausible turn at a speed in m/s.
     """
 
     software: Software
-    codec: Codec
-    controller: Callable[[Any], ControllerPair]
-    task: Callable[[Any], TaskPair]
     turn: Callable[[float], Measurement]
     is_quick: bool
 
@@ -109,10 +98,10 @@ class LongDrives:
         for name in [*held][:2] if self.is_quick else held:
             samples = held[name]
             stretches = (recovery, Stretch(samples, self._hour // len(samples)), recovery, Stretch(turning, 20))
-            yield Drive(f"an hour of {name}", self.controller(parameters), stretches)
-        yield Drive("an hour at standstill", self.controller(parameters), (Stretch([STANDING], self._hour), recovery))
+            yield Drive(f"an hour of {name}", "controller", parameters, stretches)
+        yield Drive("an hour at standstill", "controller", parameters, (Stretch([STANDING], self._hour), recovery))
         directed = self._directed(parameters, 400 if self.is_quick else 2_000)
-        yield Drive("losses up to the limits", self.controller(parameters), (Stretch(directed),))
+        yield Drive("losses up to the limits", "controller", parameters, (Stretch(directed),))
 
     def _inputs(self) -> Iterator[Drive]:
         turning = self._turning
@@ -127,35 +116,33 @@ class LongDrives:
             for overflow, around in itertools.product(overflows, AROUND):
                 stretches += [Stretch(lost, overflow + around), Stretch(turning, recovery // 2 + 1)]
             name = f"recovery after {recovery} samples"
-            yield Drive(f"losses around overflows, {name}", InputsPair(self.software, parameters), stretches)
+            yield Drive(f"losses around overflows, {name}", "inputs", parameters, stretches)
             directed = self._directed(parameters, 1_500 if self.is_quick else 5_000)
-            yield Drive(f"input losses up to the limits, {name}", InputsPair(self.software, parameters), (Stretch(directed),))
+            yield Drive(f"input losses up to the limits, {name}", "inputs", parameters, (Stretch(directed),))
         parameters = self.software.parameters()
         subsets = [names for count in (1, 2, 3) for names in itertools.combinations(SIGNALS, count)]
         for names in () if self.is_quick else subsets:
             samples = [_without(sample, names) for sample in turning]
             stretches = [Stretch(turning, 10), Stretch(samples, OVERFLOW // len(samples)), Stretch(turning, 20)]
-            yield Drive(f"no {', '.join(names)}", InputsPair(self.software, parameters), stretches)
+            yield Drive(f"no {', '.join(names)}", "inputs", parameters, stretches)
 
     def _directed(self, parameters: Any, count: int) -> list[Measurement]:
         """Return samples in which each signal is lost and returns. Whether a loss or a recovery goes on is drawn anew where
         one more sample would reach a limit."""
         generator = np.random.default_rng(7)
-        period = self.software.config.controller.sampling_time_s
-        second = SecondInputs(parameters.inputs, self.software.real, period, strongest_braking(self.software))
+        controller = self.software.controller(0.0, parameters)
         is_lost, samples = dict.fromkeys(SIGNALS, False), []
         for sample in itertools.islice(itertools.cycle(self._turning), count):
             for name in SIGNALS:
-                at_limit = _is_at_limit(getattr(second, name), parameters.inputs)
+                at_limit = _is_at_limit(getattr(controller.state.inputs, name), parameters.inputs)
                 if generator.random() < (0.5 if at_limit else 0.01):
                     is_lost[name] = not is_lost[name]
             samples.append(_without(sample, [name for name in SIGNALS if is_lost[name]]))
-            with np.errstate(all="ignore"):
-                second.step(samples[-1], self.software.real(0.0))
+            controller.step(samples[-1])
         return samples
 
     def _limiters(self) -> Iterator[Drive]:
-        parameters, period = self.software.parameters(), self.software.config.controller.sampling_time_s
+        parameters = self.software.parameters()
         cases = {
             "demand": (SPEED_M_S, 0.05, NAN),
             "speed": (NAN, 0.05, 0.02),
@@ -164,15 +151,15 @@ class LongDrives:
         begin, end = Stretch([(SPEED_M_S, 0.05, 0.03)], 100), Stretch([(SPEED_M_S, -0.05, -0.03)], 100)
         for name, sample in cases.items():
             stretches = (begin, Stretch([sample], OVERFLOW), end)
-            yield Drive(f"limiter without {name}", LimiterPair(self.software, parameters, period, 0.01), stretches)
+            yield Drive(f"limiter without {name}", "limiter", parameters, stretches, 0.01)
 
     def _receivers(self) -> Iterator[Drive]:
         good, around = Stretch([1], 8), [BYTE + each for each in AROUND]
         long = [WORD + each for each in AROUND][:: 6 if self.is_quick else 1]
         silences = [(length, step) for length in (*SILENCES, *around) for step in range(COUNTER_STEPS)]
         cases = {
-            "silence": (ReceiverPair.SILENT, [*silences, *((length, 1) for length in long)]),
-            "damaged frames": (ReceiverPair.DAMAGED, [(length, 1) for length in (*SILENCES, *around, OVERFLOW)]),
+            "silence": (SILENT, [*silences, *((length, 1) for length in long)]),
+            "damaged frames": (DAMAGED, [(length, 1) for length in (*SILENCES, *around, OVERFLOW)]),
             "repeated frames": (0, [(length, 1) for length in (*SILENCES, *around, OVERFLOW)]),
         }
         for name in [*cases][:1] if self.is_quick else cases:
@@ -180,11 +167,11 @@ class LongDrives:
             stretches = [good]
             for length, step in losses:
                 stretches += [Stretch([sample], length), Stretch([step]), good]
-            yield Drive(f"E2E, {name}", ReceiverPair(self.software), stretches)
+            yield Drive(f"E2E, {name}", "receiver", None, stretches)
 
     def _tasks(self) -> Iterator[Drive]:
         parameters = self.software.parameters()
-        limits, bus = parameters.inputs, _Bus(self.software, self.codec, STANDING)
+        limits, bus = parameters.inputs, _Bus(self.software, STANDING)
         wait = limits.recovery_samples + 10
         held: dict[str, list[Cycle]] = {
             "silence": [()],
@@ -200,10 +187,10 @@ class LongDrives:
             count = self._hour if name == "silence" and not self.is_quick else OVERFLOW
             begin = () if name == "an impossible rear angle" else (Stretch(bus.cycles(count=wait)),)
             stretches = (*begin, Stretch(cycles, count // len(cycles)), Stretch(bus.cycles(count=wait, first=wait)))
-            yield Drive(f"task, {name}", self.task(parameters), stretches)
-        moving = _Bus(self.software, self.codec, self.turn(SPEED_M_S))
+            yield Drive(f"task, {name}", "task", parameters, stretches)
+        moving = _Bus(self.software, self.turn(SPEED_M_S))
         limits_of_task = [*self._bus_limits(moving, parameters)]
-        yield Drive("task, limits of its counters", self.task(parameters), (Stretch(limits_of_task),))
+        yield Drive("task, limits of its counters", "task", parameters, (Stretch(limits_of_task),))
 
     def _bus_limits(self, bus: _Bus, parameters: Any) -> Iterator[Cycle]:
         """Yield cycles that bring each counter of the task to its limit and back."""
@@ -252,17 +239,18 @@ def _without(sample: Measurement, names: Sequence[str]) -> Measurement:
     return replace(sample, **lost)
 
 
-def _is_at_limit(signal: Signal, limits: Any) -> bool:
-    if signal.is_measured:
+def _is_at_limit(signal: Any, limits: Any) -> bool:
+    if signal.source == MEASURED:
         return bool(signal.missing >= limits.missing_samples_max - 1)
-    return signal.good is not None and bool(signal.good >= limits.recovery_samples - 2)
+    return bool(signal.good >= limits.recovery_samples - 2)
 
 
 class _Bus:
     """Frames of a car whose motion is constant but for noise."""
 
-    def __init__(self, software: Software, codec: Codec, motion: Measurement) -> None:
-        self._can, self._codec, self._motion = software.config.can, codec, motion
+    def __init__(self, software: Software, motion: Measurement) -> None:
+        self._can, self._motion = software.config.can, motion
+        self._codec = Codec(self._can, software.precision)
         self.counters = self._can.e2e.definition.counter_count
 
     def cycle(self, number: int, rear_angle: float = 0.0) -> Cycle:

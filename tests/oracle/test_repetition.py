@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from codegen.verify.law import pairs
-from codegen.verify.law.pairs import Pair, Result, Stretch, compare, state_of
+from codegen.verify.unit_drives import Stretch
+from tests.oracle import pairs
+from tests.oracle.pairs import Pair, Result, compare, state_of
 
 
 class Counters(Pair):

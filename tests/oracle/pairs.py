@@ -19,14 +19,17 @@ import numpy.typing as npt
 
 from codegen.emit.laws import law_of
 from codegen.sil.software import Measurement, Software, Status
-from codegen.verify.law.controller import SecondController, SecondLimiter
-from codegen.verify.law.inputs import NUMBERS, Quality, SecondInputs, strongest_braking
-from codegen.verify.law.task import SecondTask
+from codegen.verify.drives import NUMBERS
+from codegen.verify.long_drives import DAMAGED, SILENT
 from codegen.verify.traffic import Cycle
+from codegen.verify.unit_drives import Stretch
 from hil_sim.codec import Codec, Frame
 from hil_sim.e2e import Receiver, Supervision, protect
+from tests.oracle.controller import SecondController, SecondLimiter
+from tests.oracle.inputs import Quality, SecondInputs, strongest_braking
+from tests.oracle.task import SecondTask
 
-STATEFUL = ("codegen.verify.law.", "hil_sim.e2e", "codegen.configuration.signals")
+STATEFUL = ("tests.oracle.", "hil_sim.e2e", "codegen.configuration.signals")
 """Modules of the classes whose attributes are the state. Other objects, such as parameters and the map, do not change."""
 SETTLING_MAX = 8_000
 """Largest number of inputs after which the state must recur."""
@@ -64,14 +67,6 @@ class Pair(ABC):
     def text(self, output: Any) -> str:
         """Format an output."""
         return str(output)
-
-
-@dataclass(frozen=True)
-class Stretch:
-    """Inputs that are repeated a number of times."""
-
-    samples: Sequence[Any]
-    rounds: int = 1
 
 
 @dataclass
@@ -288,8 +283,6 @@ class ReceiverPair(Pair):
     """Receiver and supervision of a message. In: the advance of the sender's counter since the last frame, DAMAGED, or SILENT.
     Out: status and state."""
 
-    DAMAGED, SILENT = -2, -1
-
     def __init__(self, software: Software) -> None:
         can = software.config.can
         message, self._profile = can.vehicle_motion, can.e2e.definition
@@ -308,20 +301,20 @@ class ReceiverPair(Pair):
         software.function("e2e_supervision_init")(self._c_supervision)
 
     def _frame(self, sample: int, side: int) -> bytes:
-        if sample == self.DAMAGED:
+        if sample == DAMAGED:
             return self._damaged
         self._counters[side] = (self._counters[side] + sample) % self._profile.counter_count
         return self._frames[self._counters[side]]
 
     def second(self, sample: int) -> tuple[int, int]:
-        if sample == self.SILENT:
+        if sample == SILENT:
             status = self._receiver.no_new_data()
         else:
             status = self._receiver.check(self._data_id, self._frame(sample, 0))
         return int(status), int(self._supervision.step(*_judged(status)))
 
     def compiled(self, sample: int) -> tuple[int, int]:
-        if sample == self.SILENT:
+        if sample == SILENT:
             status = self._no_new_data(self._c_receiver)
         else:
             status = self._check(self._c_receiver, self._number, self._frame(sample, 1))

@@ -24,8 +24,8 @@ from codegen.sil.software import Measurement
 from codegen.vehicle.dynamics import single_track_step
 from codegen.vehicle.plant_car import load_transfer_losses
 from codegen.vehicle.tyre import SLIP_SEARCH_MAX, AxleTyres, MagicFormulaTyre
-from codegen.verify.law.controller import Road, SecondController, clip
-from codegen.verify.law.inputs import Quality
+from tests.oracle.controller import Road, SecondController, clip
+from tests.oracle.inputs import Quality
 
 SIDESLIP_MAX = math.radians(20.0)
 LATERAL_ACCELERATION_MAX = 20.0

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from codegen.configuration import Config
-from codegen.ecu_map.lookup import Lookup
 from codegen.emit.text import Precision
 from codegen.sil.software import Measurement
-from codegen.verify.drives import gaps_of
-from codegen.verify.law.inputs import NUMBERS
+from codegen.verify.drives import NUMBERS, gaps_of
 from codegen.verify.traffic import Cycle, frames_of
 from hil_sim.codec import Codec
 from hil_sim.e2e import next_counter
@@ -23,8 +21,9 @@ from hil_sim.e2e import next_counter
 def drive(
     rng: np.random.Generator,
     count: int,
-    lookup: Lookup,
+    lookup: Callable[..., Any],
     wheelbase: float,
+    accelerations: Sequence[float] = (),
     *,
     speed_amplitude: float = 16.0,
     steering_samples: float = 330.0,
@@ -33,6 +32,10 @@ def drive(
 
     The yaw rate mostly lies near the reference, so that the integrator is not always at a limit. The speed (m/s) swings by
     `speed_amplitude` around 14, the steering once in `steering_samples`.
+
+    Args:
+        lookup: yaw rate of the map in rad/s, from speeds in m/s and front angles in rad.
+        accelerations: longitudinal accelerations of the map's layers, m/s^2.
     """
 
     def spells(probability: float, longest: int) -> Any:
@@ -46,15 +49,15 @@ def drive(
     steered = np.minimum(t, round(0.93 * count))  # the front angle freezes at the end
     front = 0.12 * np.sin(2.0 * np.pi * steered / steering_samples + rng.uniform(0.0, 6.0))
     slow_error = 0.12 * np.sin(2.0 * np.pi * t / 170.0)
-    yaw = lookup(speed, front, math.nan) + slow_error + rng.normal(0.0, 0.01, count)
+    yaw = lookup(speed, front) + slow_error + rng.normal(0.0, 0.01, count)
     yaw = np.where(spells(0.004, 50), (speed * front) / wheelbase + 2.2, yaw)
     rear = np.where(spells(0.01, 100), 0.03 * np.sin(2.0 * np.pi * t / 240.0), math.nan)
     friction = np.where(spells(0.01, 60), rng.choice([0.0, 0.05, 0.3, 0.6, 0.9, 1.2], count), math.nan)
     lateral = np.where(spells(0.01, 300), speed * (yaw + rng.normal(0.0, 0.005, count)), math.nan)
     inhibit = spells(0.01, 20)
     moving = []
-    if lookup.is_moving:
-        swing = 0.7 * np.ptp(lookup.accelerations) * np.sin(2.0 * np.pi * t / 210.0)
+    if len(accelerations) > 1:
+        swing = 0.7 * np.ptp(accelerations) * np.sin(2.0 * np.pi * t / 210.0)
         moving = [np.where(spells(0.005, 200), math.nan, swing)]
     fields = np.stack([speed, front, yaw, rear, friction, lateral, *moving])
     nonsense = np.array([math.nan, math.inf, -math.inf, 1e9, -1e9])

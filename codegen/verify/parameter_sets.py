@@ -1,4 +1,4 @@
-"""Parameter sets: the default one compared with the configuration, and drawn ones that the C accepts."""
+"""Parameter sets that the C accepts, drawn at random."""
 
 from __future__ import annotations
 
@@ -29,21 +29,10 @@ COUNT_MAX = 12
 Number = float | list[float]
 
 
-def _fields(config: Config, parameters: Any) -> Iterator[tuple[Any, Parameter, str]]:
+def fields(config: Config, parameters: Any) -> Iterator[tuple[Any, Parameter, str]]:
     """Yield the struct of each parameter, the parameter, and its qualified name."""
     for path, parameter in parameters_by_path(config).items():
         yield reduce(getattr, path.split(".")[:-1], parameters), parameter, path
-
-
-def differences(software: Software) -> Iterator[str]:
-    """Yield a line for each default parameter of the C that differs from the configuration."""
-    parameters = software.parameters()
-    if not software.function("parameters_valid")(parameters):
-        yield "the C refuses its own default parameters"
-    for holder, parameter, name in _fields(software.config, parameters):
-        have, want = _value(holder, parameter.name), _configured(parameter, software)
-        if have != want:
-            yield f"{name} is {_text(have)}, not the configuration's {_text(want)}"
 
 
 def drawn(software: Software, generator: np.random.Generator) -> Any:
@@ -53,9 +42,9 @@ def drawn(software: Software, generator: np.random.Generator) -> Any:
     if generator.random() < CHANGED:
         _narrow(parameters, generator)
         parameters = parameters if is_valid(parameters) else software.parameters()
-    for holder, parameter, _ in _fields(software.config, parameters):
+    for holder, parameter, _ in fields(software.config, parameters):
         if generator.random() < CHANGED:
-            before = _value(holder, parameter.name)
+            before = value_of(holder, parameter.name)
             for _ in range(TRIES):
                 setattr(holder, parameter.name, _other(parameter, before, generator))
                 if is_valid(parameters):
@@ -66,11 +55,11 @@ def drawn(software: Software, generator: np.random.Generator) -> Any:
 
 def unchanged(software: Software, sets: Iterable[Any]) -> list[str]:
     """Return the qualified names of parameters that have their default in every set."""
-    fields = zip(*(_fields(software.config, each) for each in (software.parameters(), *sets)), strict=True)
+    rows = zip(*(fields(software.config, each) for each in (software.parameters(), *sets)), strict=True)
     return [
         name
-        for (default, parameter, name), *others in fields
-        if all(_value(holder, parameter.name) == _value(default, parameter.name) for holder, _, _ in others)
+        for (default, parameter, name), *others in rows
+        if all(value_of(holder, parameter.name) == value_of(default, parameter.name) for holder, _, _ in others)
     ]
 
 
@@ -96,16 +85,7 @@ def _other(parameter: Parameter, value: Number, generator: np.random.Generator) 
     return float(min(max((value or NOTHING * high) * 10.0 ** generator.uniform(-DECADES, DECADES), low), high))
 
 
-def _value(holder: Any, name: str) -> Number:
+def value_of(holder: Any, name: str) -> Number:
+    """Return the value of a parameter in its struct."""
     value = getattr(holder, name)
     return value if isinstance(value, float | int) else list(value)
-
-
-def _configured(parameter: Parameter, software: Software) -> Number:
-    """Return the value of the configuration, rounded to the numbers of the build."""
-    value = parameter.value
-    return value if isinstance(value, int) else np.array(value, dtype=software.real).tolist()
-
-
-def _text(value: Number) -> str:
-    return "{" + ", ".join(f"{number:.9g}" for number in value) + "}" if isinstance(value, list) else f"{value:.9g}"

@@ -7,12 +7,9 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Any
 
-from codegen.configuration.signals import MEASURED
 from codegen.emit.inputs_view import AMBIGUOUS_SHARE, BANK_RATE, FRICTION_UNKNOWN, SHORT_SHARE
 from codegen.sil.software import Measurement, Software
-
-NUMBERS = tuple(each.role for each in MEASURED if each.is_used and each.is_real)
-"""Numbers of a measurement that the controller uses, in order."""
+from codegen.verify.drives import NUMBERS
 
 
 def strongest_braking(software: Software) -> float:
