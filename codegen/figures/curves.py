@@ -73,7 +73,7 @@ def slip_limit_text(limits: Limits) -> str:
     """Return what bounds the slip angles of a map."""
     if limits.grip_use_max is not None:
         return f"{100.0 * limits.grip_use_max:g} % of the largest force (nonlinear tyre)"
-    return f"linear range: within {limits.slip_departure_percent:g} % of the tangent"
+    return f"linear range, within {limits.slip_departure_percent:g} % of the tangent"
 
 
 def _load_notes(tyre: MagicFormulaTyre, slip: float) -> Iterator[dict[str, Any]]:

@@ -217,7 +217,8 @@ def _prepare(axes: Axes, layout: Mapping[str, Any], y_axis: Mapping[str, Any], i
 
 def _finish(axes: Axes, layout: Mapping[str, Any], y_axis: Mapping[str, Any], data: Sequence[Mapping[str, Any]]) -> None:
     """Set limits and ticks after the data of a panel."""
-    if any(trace["type"] == "scatter" and "lines" in trace["mode"] for trace in data):
+    lines = [trace for trace in data if trace["type"] == "scatter" and "lines" in trace["mode"]]
+    if lines and not any("markers" in trace["mode"] and "maxdisplayed" not in trace.get("marker", {}) for trace in lines):
         axes.margins(x=0.0)
     for name, axis in (("x", layout.get("xaxis", {})), ("y", y_axis)):
         limits = getattr(axes, f"set_{name}lim")

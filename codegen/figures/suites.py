@@ -40,7 +40,6 @@ from codegen.figures.data import (
     plain,
     points,
     symlog,
-    text,
     upright,
 )
 from codegen.figures.maps import QUANTITIES, at_front_angle, category_trace
@@ -187,7 +186,7 @@ def margins_picture(result: SuiteResult) -> Picture:
 def _margin_panel(
     result: SuiteResult, label: str, field: str, warning: float | None, title: str = "", is_alone: bool = False
 ) -> Chart:
-    """Return a margin over speed; `is_alone`: with legend entries for all lines, else with words at the levels."""
+    """Return a margin over speed; `is_alone`: with legend entries for all lines, else only for the levels."""
     looks, data = looks_of(result), []
     for name in (name for name in result.subjects if name in result.margins):
         found, colour = result.margins[name], looks[name]["colour"]
@@ -200,17 +199,11 @@ def _margin_panel(
             data.append({**drawn, **more, "showlegend": is_alone})
     required = getattr(result.limits, field)
     levels = [(required, INK, "dash", "required of the worst car")]
-    levels += [] if warning is None else [(warning, MUTED, "dot", "a build warns below")]
-    words = []
-    if is_alone:
-        data += [entry("required", INK, "dash", 1.2), entry("a build warns below", MUTED, "dot", 1.2)]
-    else:
-        first = min((point.speed_km_h for found in result.margins.values() for point in found.configured), default=0.0)
-        place = {"xanchor": "left", "yanchor": "top", "xshift": 4, "yshift": -4}
-        words = [text(said, first, value, **place) for value, _, _, said in levels]
+    levels += [] if warning is None else [(warning, MUTED, "dot", "codegen build warns below")]
+    data += [entry(name, colour, dash, 1.2) for _, colour, dash, name in levels]
     y = axis(label, rangemode="tozero") if warning is not None else axis(label, range=[1.0, SENSITIVITY_TOP])
     shapes = [level(value, colour=colour, dash=dash) for value, colour, dash, _ in levels]
-    return panel(data, axis(SPEED), y, title=title, shapes=shapes, annotations=words)
+    return panel(data, axis(SPEED), y, title=title, shapes=shapes)
 
 
 # --- cells and conditions ---------------------------------------------------------------------------------------------

@@ -350,7 +350,8 @@ def difference_charts(one: NamedMap, other: NamedMap, number: int = 1) -> list[C
     for name, title, table, colours, limits in shown:
         figure = {"data": [heat_map(one, table, title, "deg/s", colours, limits)], "layout": map_layout(one, legend=False)}
         spoken = f"Heat map of the yaw rate: {title}."
-        above = "First less second" if name == "difference" else f"Yaw rate r, {name}: {plain(one_line(title, NAME_MAX))}"
+        own = {"first": one.name, "second": other.name}.get(name)
+        above = "First less second" if own is None else f"Yaw rate r, {name}: {plain(one_line(own, NAME_MAX))}"
         charts.append(Chart(f"compare-{name}-{number}", figure, f"Yaw rate: {title}.", spoken, 360, above))
     return charts
 
@@ -403,7 +404,7 @@ def _use_charts(named: tuple[NamedMap, NamedMap], used: Uses) -> Iterator[Chart]
     top = max(highest, BOUND + ABOVE_BOUND_MIN)
     between = [round(0.5 * (BOUND + top))] if top > 1.3 * BOUND else []
     ticks = [*np.arange(0.0, BOUND + 1.0, 25.0).tolist(), *between, round(top)]
-    bar = {"title": {"text": "slip, of its bound on the plant (%)"}, "tickvals": ticks}
+    bar = {"title": {"text": "slip / its bound on the plant (%)"}, "tickvals": ticks}
     for one, table, which in zip(named, tables, ("first", "second"), strict=True):
         look, title = map_layout(one), f"Slip used, {which}: {plain(one_line(one.name, NAME_MAX))}"
         if table is None:

@@ -68,11 +68,6 @@ function draw(name, spec) {
 
 const LINES = ["#0072B2", "#D55E00", "#009E73", "#CC79A7"];
 const DASHES = ["solid", "dash", "dot", "dashdot"];
-const QUANTITIES = [
-  ["yaw_rate", "Yaw rate r", "deg/s"],
-  ["sideslip", "Sideslip β", "deg"],
-  ["rear_angle", "Rear angle δr", "deg"],
-];
 
 function readMap(packed) {
   const tables = {};
@@ -115,7 +110,7 @@ function bindingAt(map, speed, angle) {
 }
 
 function cutFigure(maps, overSpeed, speed, angle) {
-  const shown = QUANTITIES.filter(([name]) => maps.some((map) => map.tables[name]));
+  const shown = DATA.cuts.quantities.filter(({ table }) => maps.some((map) => map.tables[table]));
   const data = [];
   const layout = {
     paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
@@ -131,20 +126,20 @@ function cutFigure(maps, overSpeed, speed, angle) {
   const look = { gridcolor: "@grid", linecolor: "@muted", zerolinecolor: "@muted", ticks: "outside", ticklen: 4, tickcolor: "@muted" };
   const axis = maps[0][overSpeed ? "speed" : "angle"];
   layout.xaxis = {
-    ...look, title: { text: overSpeed ? "Speed vx (km/h)" : "Front angle δf (deg)" }, anchor: shown.length > 1 ? "y" + shown.length : "y",
+    ...look, title: { text: DATA.cuts.axes[overSpeed ? 0 : 1] }, anchor: shown.length > 1 ? "y" + shown.length : "y",
     range: [axis[0], axis[axis.length - 1]],
   };
   const height = (1 - 0.06 * (shown.length - 1)) / shown.length;
-  shown.forEach(([name, title, unit], panel) => {
+  shown.forEach(({ table, name, unit }, panel) => {
     const top = 1 - panel * (height + 0.06);
     layout["yaxis" + (panel ? panel + 1 : "")] = {
-      ...look, title: { text: title + "<br>(" + unit + ")" }, domain: [Math.max(0, top - height), top],
+      ...look, title: { text: name + "<br>(" + unit + ")" }, domain: [Math.max(0, top - height), top],
       rangemode: panel ? "normal" : "tozero", automargin: true,
     };
     maps.forEach((map, k) => {
-      if (!map.tables[name]) { return; }
+      if (!map.tables[table]) { return; }
       const own = Array.from(map[overSpeed ? "speed" : "angle"]);
-      const values = own.map((at) => valueAt(map, map.tables[name], overSpeed ? at : speed, overSpeed ? angle : at));
+      const values = own.map((at) => valueAt(map, map.tables[table], overSpeed ? at : speed, overSpeed ? angle : at));
       data.push({
         type: "scatter", mode: "lines", x: own, y: values, name: map.name, legendgroup: map.name, showlegend: panel === 0,
         yaxis: "y" + (panel ? panel + 1 : ""), line: { color: LINES[k % LINES.length], dash: DASHES[k % DASHES.length], width: 2 },
@@ -164,13 +159,15 @@ function text(tag, content, settings) {
 function showValues(maps, speed, angle) {
   const table = document.getElementById("cut-values");
   const head = document.createElement("tr");
-  for (const title of ["at this point", "yaw rate", "sideslip", "rear angle", "binds"]) { head.append(text("th", title, { scope: "col" })); }
+  const names = DATA.cuts.quantities.map(({ name }) => name);
+  for (const title of ["at this point", ...names, "binds"]) { head.append(text("th", title, { scope: "col" })); }
   const body = maps.map((map) => {
     const row = document.createElement("tr");
     row.append(text("th", map.name, { scope: "row" }));
-    for (const [name, , unit] of QUANTITIES) {
-      const value = map.tables[name] ? valueAt(map, map.tables[name], speed, angle) : NaN;
-      row.append(text("td", Number.isFinite(value) ? value.toFixed(3) + " " + unit : map.tables[name] ? "infeasible" : "-"));
+    for (const { table, unit } of DATA.cuts.quantities) {
+      const values = map.tables[table];
+      const value = values ? valueAt(map, values, speed, angle) : NaN;
+      row.append(text("td", Number.isFinite(value) ? value.toFixed(3) + " " + unit : values ? "infeasible" : "-"));
     }
     row.append(text("td", bindingAt(map, speed, angle)));
     return row;

@@ -10,7 +10,7 @@ import numpy as np
 from codegen.configuration import Config
 from codegen.design.loss import MODES, LossOfFunction, loss_of_function
 from codegen.figures.data import EMPTY, FRONT_ANGLE, INK, SKY, SPEED, VERMILION, Chart, axis, layout, numbers, patches
-from codegen.figures.maps import QUANTITIES, NamedMap, category_trace
+from codegen.figures.maps import QUANTITIES, NamedMap, category_trace, unformatted
 from codegen.map_file.bounds import binding_text
 from codegen.report.html.blocks import Block, Cuts, Text
 from codegen.units import KM_H
@@ -18,7 +18,8 @@ from codegen.units import KM_H
 
 def cuts(maps: Sequence[NamedMap]) -> Cuts:
     """Return the data from which the page cuts all maps at any speed and front angle."""
-    data = {"maps": [_cut_data(one) for one in maps]}
+    quantities = [{"table": one.attribute, "name": unformatted(one.name), "unit": one.unit} for one in QUANTITIES]
+    data = {"quantities": quantities, "axes": [SPEED, FRONT_ANGLE], "maps": [_cut_data(one) for one in maps]}
     return Cuts(data, "The maps cut along both axes. Where a line ends, no steady turn inside the limits exists.")
 
 
