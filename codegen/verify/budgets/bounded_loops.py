@@ -1,6 +1,6 @@
 """Check that every loop of the generated C has a number of rounds that is known at compile time.
 
-Then, and without recursion, a call has a largest number of instructions. The rule, on the syntax tree:
+Together with the absence of recursion, this bounds the number of instructions of every call. The rules, on the syntax tree:
 
 - the only loop is `for (i = constant; i < constant; i++)`, or likewise downwards or with another constant step;
 - its counter is not written in its body;
@@ -45,7 +45,7 @@ def complaints(files: Mapping[str, bytes], manifest: Mapping[str, Any]) -> tuple
         BuildError: C that is not C99.
     """
     sources = {path: content for path, content in files.items() if path.startswith(("include/", "src/"))}
-    sources = without_tables(sources, manifest)  # most of what there is to read, and no loop in it
+    sources = without_tables(sources, manifest)  # tables are most of the text and contain no loop
     units = sorted(path for path in sources if path.endswith(".c"))
     return _Program(preprocess(sources, units), (*LIBRARY, *manifest["dynamics_library_functions"])).complaints()
 

@@ -1,6 +1,6 @@
-"""Check that the C compiles everywhere without a warning, needs nothing a target may lack, and refuses what would break it.
+"""Check that the C compiles without a warning, uses only what every target has, and rejects options that would break it.
 
-The compilers run on copies of the files. Where gcc is missing the rest runs all the same, and the check counts as not run.
+The compilers run on copies of the files. If gcc is missing, the other compilers still run, and the check counts as not run.
 """
 
 from __future__ import annotations
