@@ -80,7 +80,7 @@ def _caps(lookup: Lookup, law: Law, *, stacked: bool) -> Iterator[Constant]:
             "lateral_acceleration_cap_per_friction",
             per_friction,
             M_S2,
-            "largest lateral acceleration per friction, on slippery roads",
+            "largest lateral acceleration on slippery roads, per unit of friction",
         )
     elif law.uses_reference_model:
         for axle, shares in zip(("front", "rear"), lookup.axle_shares.T, strict=True):
@@ -119,7 +119,10 @@ def _reference_model(config: Config, total: TotalMap, real: Real) -> Iterator[Co
         "model_rear_slip_per_lateral_acceleration", slip, RAD_S2_M, "rear slip angle per lateral acceleration of the model"
     )
     half = 0.5 * min(AxleTyres.from_config(config).rear.peak_slip, SLIP_SEARCH_MAX)
-    yield Constant("rear_slip_least", half, RAD, "half of the rear slip angle at peak force")
+    yield Constant("rear_slip_least", half, RAD, "rear slip angle at peak force: constant part")
     yield Constant(
-        "rear_slip_per_friction", half / total.friction, RAD, "other half of the rear slip angle at peak force, per friction"
+        "rear_slip_per_friction",
+        half / total.friction,
+        RAD,
+        "rear slip angle at peak force: part that grows with friction, per unit of friction",
     )

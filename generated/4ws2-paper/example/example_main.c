@@ -1,8 +1,8 @@
 /*
- * The least that an ECU project needs: self-test, initialise, step every 10 ms.
+ * A minimal ECU project: self-test, initialise, step every 10 ms.
  *
- * The car here is a first-order stand-in that lets the example run at a desk; your sensors and actuator take its place.
- * Returns 0 where the self-test passes and the controller ends following the reference, at its limit or not.
+ * The car is a first-order model, so that the example runs without hardware; replace it with your sensors and actuator.
+ * Returns 0 if the self-test passes and the last status is TRACKING or LIMITED.
  *
  * Map 4ws2-paper: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
  * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.

@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0xDAF0EFB8u
+#define ARS_CAN_BUILD 0x74A4FBBAu
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

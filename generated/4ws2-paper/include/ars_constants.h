@@ -14,11 +14,11 @@
 extern "C" {
 #endif
 
-#define ARS_CONSTANTS_BUILD 0xDAF0EFB8u
+#define ARS_CONSTANTS_BUILD 0x74A4FBBAu
 
 typedef struct {
     float lateral_acceleration_cap; /* m/s^2, largest steady lateral acceleration that the constraints allow */
-    float lateral_acceleration_cap_per_friction; /* m/s^2, largest lateral acceleration per friction, on slippery roads */
+    float lateral_acceleration_cap_per_friction; /* m/s^2, largest lateral acceleration on slippery roads, per unit of friction */
     float map_friction; /* road friction that the map assumes */
 } ars_constants_t;
 

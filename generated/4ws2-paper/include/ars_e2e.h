@@ -26,7 +26,7 @@
 extern "C" {
 #endif
 
-#define ARS_E2E_BUILD 0xDAF0EFB8u
+#define ARS_E2E_BUILD 0x74A4FBBAu
 
 /* Result of a check. The data are used only with OK, INITIAL and OK_SOME_LOST. */
 typedef enum {
@@ -42,7 +42,7 @@ typedef enum {
 
 /* State of one receiver. Private. */
 typedef struct {
-    uint8_t last_counter;                       /* of the last correct frame */
+    uint8_t last_counter;                       /* counter of the last correct frame */
     uint8_t max_delta_counter;                  /* largest accepted advance of the next counter */
     uint8_t sync_counter;                       /* correct frames still required for synchronisation */
     uint8_t no_new_or_repeated_data_counter;    /* cycles without new data */

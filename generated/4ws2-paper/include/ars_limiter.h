@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0xDAF0EFB8u
+#define ARS_LIMITER_BUILD 0x74A4FBBAu
 
 enum { ARS_LIMITER_POINTS = 6 };
 

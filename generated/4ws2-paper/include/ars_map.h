@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0xDAF0EFB8u
+#define ARS_MAP_BUILD 0x74A4FBBAu
 
 /* Numbers of breakpoints. */
 enum {
@@ -38,7 +38,7 @@ enum {
 float ars_map_yaw_rate(float speed, float front_angle);
 
 /*
- * Return the same on a road of estimated friction: the bound on lateral acceleration shrinks with it.
+ * Return the reference yaw rate on a road of the given friction: the bound on lateral acceleration shrinks with it.
  *
  * friction: peak friction coefficient, any number; NaN, and more than the map assumes, count as the map's own, negative values as 0.
  */

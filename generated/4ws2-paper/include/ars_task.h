@@ -10,9 +10,9 @@
  * angle and yaw rate, enters the fail-safe. Until the first good sample with a measured rear angle the command is sent as "not
  * available"; then the controller starts from the angle that the actuator holds. After a silence of both messages that led to the
  * fail-safe it is sent as "not available" again until the rear angle is measured, for at most 100 ms; the fail-safe then
- * starts from the measured angle, or else from the last measured one. A car that never measures it keeps the ramp from the last command.
- * If only VehicleConditions was silent, the command starts from the measured angle unless that is where the commands should have taken it. A
- * return to zero waits for wheels that do not follow it, and the command for a stuck actuator stays near the wheels.
+ * starts from the measured angle, or else from the last measured one. If the car never measures it, the ramp starts from the last command.
+ * If only VehicleConditions was silent and the measured angle differs from the expected one, the command starts from the measured angle.
+ * A return to zero waits for wheels that do not follow it, and the command for a stuck actuator stays near the wheels.
  *
  * Map 4ws2-paper: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
  * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
@@ -28,16 +28,16 @@
 #include "ars_e2e.h"
 #include "ars_supervision.h"
 
-#if ARS_CAN_BUILD != 0xDAF0EFB8u
+#if ARS_CAN_BUILD != 0x74A4FBBAu
 #error "ars_can.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0xDAF0EFB8u
+#if ARS_CONTROLLER_BUILD != 0x74A4FBBAu
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_E2E_BUILD != 0xDAF0EFB8u
+#if ARS_E2E_BUILD != 0x74A4FBBAu
 #error "ars_e2e.h and this source come from different builds"
 #endif
-#if ARS_SUPERVISION_BUILD != 0xDAF0EFB8u
+#if ARS_SUPERVISION_BUILD != 0x74A4FBBAu
 #error "ars_supervision.h and this source come from different builds"
 #endif
 
@@ -45,7 +45,7 @@
 extern "C" {
 #endif
 
-#define ARS_TASK_BUILD 0xDAF0EFB8u
+#define ARS_TASK_BUILD 0x74A4FBBAu
 
 /* Bits of the signal "Diagnostics": events since the previous call. Both messages MISSING: the task
  * ran early, or the bus is silent. */
@@ -70,7 +70,7 @@ typedef struct {
     ars_e2e_receiver_t receiver;
     ars_e2e_supervision_t supervision;
     uint16_t causes;                    /* diagnostics of this message since the last call, from bit 0 */
-    uint8_t frames;                     /* received since the last call */
+    uint8_t frames;                     /* frames received since the last call */
     uint8_t advance;                    /* steps of the sender's counter in good frames since the last call; 0: none */
     bool out_of_sequence;               /* new data were received since the last call, with a counter that jumped */
     bool disturbed;                     /* an error or a loss since the last good frame */
@@ -84,24 +84,24 @@ typedef struct {
     ars_supervision_t supervision;              /* its state and cause may be read */
     ars_task_input_t motion_input;
     ars_task_input_t conditions_input;
-    ars_vehicle_motion_t motion;            /* last good one */
-    ars_vehicle_conditions_t conditions;    /* last good one */
-    uint8_t counter;                            /* of the next command */
+    ars_vehicle_motion_t motion;            /* last good message */
+    ars_vehicle_conditions_t conditions;    /* last good message */
+    uint8_t counter;                            /* E2E counter of the next command frame */
     uint8_t backlog;                            /* periods by which the calls are behind the sender */
     uint8_t disturbance;                        /* level of recent disturbances of the bus */
-    uint16_t actuator_samples;                  /* in which the actuator did not follow, less those in which it did */
-    bool is_stuck;                              /* until it has followed for as many samples in a row */
-    uint16_t inhibited_samples;                 /* consecutive ones with Inhibit */
-    float expected_angle;                       /* rad, of an actuator that follows the command */
+    uint16_t actuator_samples;                  /* samples in which the actuator did not follow, minus samples in which it did */
+    bool is_stuck;                              /* the actuator counts as stuck; cleared when actuator_samples is back at 0 */
+    uint16_t inhibited_samples;                 /* consecutive samples with Inhibit */
+    float expected_angle;                       /* rad, rear angle of an actuator that follows the command */
     float measured_angle;                       /* rad, last measured and plausible rear angle */
-    bool has_measured;                          /* there is one: the car measures the angle */
-    float start_angle;                          /* rad, from which control began, or at which it ended */
-    float angle_offset;                         /* rad, of the measured angle when control ended with another one than expected */
-    bool deviates;                              /* the measured angle is not the expected one */
+    bool has_measured;                          /* the car measures the rear angle: a plausible one was received */
+    float start_angle;                          /* rad, rear angle at which control began or ended */
+    float angle_offset;                         /* rad, measured minus expected angle when control ended, if they differed */
+    bool deviates;                              /* the measured angle differs from the expected one */
     bool released;                              /* control ended in the last call */
     bool conditions_close;                      /* conditions were received after the motion: the set is complete */
     uint16_t samples_without_angle;             /* samples without a rear angle before the start or after a silence */
-    uint16_t waited_samples;                    /* in which the return to zero waited for the wheels */
+    uint16_t waited_samples;                    /* samples in which the return to zero waited for the wheels */
     uint8_t silent_calls;                       /* consecutive calls without new data */
     uint32_t cycles;                            /* calls; wraps around, as the other counters do */
     uint32_t late_cycles;                       /* calls with more than one frame of a message: the task ran late */

@@ -94,7 +94,7 @@ typedef struct {
     uint8_t allocation;             /* progress of the allocation of lists */
     uint8_t daq_count;
     uint8_t odt_count;
-    uint8_t pointed_odt;            /* where the next entry is written */
+    uint8_t pointed_odt;            /* packet of the next entry to write */
     uint8_t pointed_entry;
     bool pointer_set;
     ars_xcp_daq_t daqs[ARS_XCP_DAQ_MAX];

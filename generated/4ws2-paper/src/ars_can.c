@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CAN_BUILD != 0xDAF0EFB8u
+#if ARS_CAN_BUILD != 0x74A4FBBAu
 #error "ars_can.h and this source come from different builds"
 #endif
 

@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_E2E_BUILD != 0xDAF0EFB8u
+#if ARS_E2E_BUILD != 0x74A4FBBAu
 #error "ars_e2e.h and this source come from different builds"
 #endif
 

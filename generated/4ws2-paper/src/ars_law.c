@@ -9,10 +9,10 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_LAW_BUILD != 0xDAF0EFB8u
+#if ARS_LAW_BUILD != 0x74A4FBBAu
 #error "ars_law.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0xDAF0EFB8u
+#if ARS_MAP_BUILD != 0x74A4FBBAu
 #error "ars_map.h and this source come from different builds"
 #endif
 

@@ -12,13 +12,13 @@
 #include "ars_constants.h"
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0xDAF0EFB8u
+#if ARS_CHECKSUM_BUILD != 0x74A4FBBAu
 #error "ars_checksum.h and this source come from different builds"
 #endif
-#if ARS_CONSTANTS_BUILD != 0xDAF0EFB8u
+#if ARS_CONSTANTS_BUILD != 0x74A4FBBAu
 #error "ars_constants.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0xDAF0EFB8u
+#if ARS_MAP_BUILD != 0x74A4FBBAu
 #error "ars_map.h and this source come from different builds"
 #endif
 

@@ -8,19 +8,19 @@
 
 #include "ars_sections.h"
 
-#if ARS_CAN_BUILD != 0xDAF0EFB8u
+#if ARS_CAN_BUILD != 0x74A4FBBAu
 #error "ars_can.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0xDAF0EFB8u
+#if ARS_CONTROLLER_BUILD != 0x74A4FBBAu
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_E2E_BUILD != 0xDAF0EFB8u
+#if ARS_E2E_BUILD != 0x74A4FBBAu
 #error "ars_e2e.h and this source come from different builds"
 #endif
-#if ARS_SUPERVISION_BUILD != 0xDAF0EFB8u
+#if ARS_SUPERVISION_BUILD != 0x74A4FBBAu
 #error "ars_supervision.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0xDAF0EFB8u
+#if ARS_TASK_BUILD != 0x74A4FBBAu
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -29,7 +29,7 @@
 #error "do not compile this file with -ffast-math or -ffinite-math-only"
 #endif
 
-/* Diagnostics of the second message lie so many bits above those of the first. */
+/* Shift from the diagnostics of the first message to those of the second, in bits. */
 ARS_SECTION_CONST static const uint32_t conditions_shift = 3u;
 
 /* Periods that the calls may be behind the sender; drift and jitter of the two clocks explain up to two. One is forgiven every 64
@@ -302,7 +302,7 @@ ARS_SECTION_CODE static void start_from(ars_task_t *self, float rear_angle)
     self->deviates = false;
 }
 
-/* Return whether an angle is farther out than another. */
+/* Return whether an angle is farther from zero than another. */
 ARS_SECTION_CODE static bool is_outer(float angle, float other)
 {
     return magnitude(angle) > magnitude(other);
@@ -310,13 +310,13 @@ ARS_SECTION_CODE static bool is_outer(float angle, float other)
 
 /* Check that the measured rear angle follows the previous commands with the lag of the actuator. The tolerance grows by twice the
  * remaining angle, which covers twice the nominal lag and two samples of delay. An angle that is not measured (NaN) counts as no
- * difference. The count rises only under control. A stuck actuator must follow for as many samples in a row: its angle and that of the
- * command cross again and again.
+ * difference. The count rises only under control. A stuck actuator must follow for actuator_samples_max samples in a row, because a
+ * changing command crosses the angle of a stuck actuator repeatedly.
  *
- * When control ends, the return to zero starts from the command, or from the measured angle if that is farther out. If the measured angle
- * is not the expected one, sensor, actuator or bus is at fault. The difference is then taken off until the angle is the expected one
- * again, so that a wrong sensor cannot turn the wheels. was_valid: the conditions, in the call before. When they return with another
- * angle, commands may have been lost with them, and the command starts from that angle. */
+ * When control ends, the return to zero starts from the command, or from the measured angle if that is farther from zero. If measured
+ * and expected angle differ then, sensor, actuator or bus is at fault. The difference is subtracted until they agree again, so that a
+ * wrong sensor cannot turn the wheels. was_valid: whether the conditions were valid in the previous call. If they become valid with
+ * another angle, commands may have been lost too, and the command starts from that angle. */
 ARS_SECTION_CODE static uint32_t check_actuator(ars_task_t *self, bool is_measured, bool was_valid)
 {
     const ars_parameters_t *parameters = self->parameters;
@@ -332,7 +332,7 @@ ARS_SECTION_CODE static uint32_t check_actuator(ars_task_t *self, bool is_measur
 
     self->expected_angle = expected;
     if (self->conditions_input.usable && (magnitude(angle_error) <= tolerance)) {
-        self->angle_offset = 0.0f; /* the angle is right: the wheels did not follow for a while */
+        self->angle_offset = 0.0f; /* the sensor is right: the wheels had not followed */
     }
     angle_error -= self->angle_offset;
     self->deviates = self->conditions_input.usable && (magnitude(angle_error) > tolerance);
@@ -381,9 +381,9 @@ ARS_SECTION_CODE static bool lacks_angle(ars_task_t *self)
     return lacks;
 }
 
-/* Start control from the angle that the actuator holds. Before the first start, wait while the angle is out of range; an angle that is
- * not available for angle_wait_max samples means a car that does not measure it, and control starts from zero. After a silence, an
- * angle that is not measured for as many calls is replaced by the last measured one. Returns whether control has started. */
+/* Start control from the angle that the actuator holds. Before the first start, wait while the angle is out of range; if the
+ * angle is not available for angle_wait_max samples, the car does not measure it, and control starts from zero. After a silence, control
+ * starts from the last measured angle if none arrives within angle_wait_max calls. Returns whether control has started. */
 ARS_SECTION_CODE static bool start(ars_task_t *self, bool is_good, bool is_measured)
 {
     const float rear_angle = self->conditions.rear_angle;
@@ -424,7 +424,7 @@ ARS_SECTION_CODE static ars_supervision_cause_t cause_of_loop(const ars_task_t *
     return cause;
 }
 
-/* Return the most urgent cause of a sample. cause: of the loop; status: of the controller. */
+/* Return the most urgent cause of a sample. cause: result of cause_of_loop(); status: result of the controller. */
 ARS_SECTION_CODE static ars_supervision_cause_t cause_of_sample(
     const ars_task_t *self, ars_supervision_cause_t cause, ars_status_t status, bool has_angle)
 {
@@ -444,7 +444,7 @@ ARS_SECTION_CODE static ars_supervision_cause_t cause_of_sample(
     return found;
 }
 
-/* Return whether the car has set Inhibit for so long that it is not for a manoeuvre. Only received conditions count. */
+/* Return whether the car has set Inhibit for longer than a manoeuvre lasts. Only received conditions count. */
 ARS_SECTION_CODE static bool is_inhibited_for_good(ars_task_t *self)
 {
     if (!self->conditions.inhibit) {
@@ -452,12 +452,13 @@ ARS_SECTION_CODE static bool is_inhibited_for_good(ars_task_t *self)
     } else if (self->conditions_input.usable && (self->inhibited_samples <= self->parameters->inhibit_samples_max)) {
         self->inhibited_samples++;
     } else {
-        /* long enough, or not known */
+        /* for long enough, or the conditions are not known */
     }
     return self->inhibited_samples > self->parameters->inhibit_samples_max;
 }
 
-/* Command for wheels that do not follow: no farther out than before or than they are, so that they find it near when they do. */
+/* Limit the command for wheels that do not follow: no farther from zero than the last command or the wheels. When the wheels follow
+ * again, the command is then close to them. */
 ARS_SECTION_CODE static float no_farther_out(float rear_angle, float last, float wheels)
 {
     float result = rear_angle;
@@ -478,9 +479,9 @@ ARS_SECTION_CODE static float no_farther_out(float rear_angle, float last, float
     return result;
 }
 
-/* Return to zero without control, while the wheels do not follow it: it waits while they are farther out, for at most wait_samples_max
- * samples, because it would reach zero alone, and the actuator would then follow at its full rate. When the wheels move again, it goes
- * on from them. last: command before; measured_before: angle before. */
+/* Hold the return to zero while the wheels do not follow it and are farther from zero, for at most wait_samples_max samples. Otherwise
+ * the command alone would reach zero, and the actuator would later follow at its full rate. When the wheels move again, the return
+ * continues from their angle. last: last command; measured_before: last measured angle. */
 ARS_SECTION_CODE static float wait_for_wheels(
     ars_task_t *self, float rear_angle, float last, float measured_before)
 {
@@ -490,7 +491,7 @@ ARS_SECTION_CODE static float wait_for_wheels(
     float result = rear_angle;
 
     if (is_same_side && is_outer(wheels, rear_angle)) {
-        /* An actuator that gets commands goes at least that share of the way in a sample. */
+        /* An actuator that receives commands covers at least this share of the distance in a sample. */
         const float move_min = parameters->actuator_share * parameters->actuator_error_max;
         const bool has_moved = (magnitude(measured_before - self->angle_offset) - magnitude(wheels)) > move_min;
 
@@ -500,7 +501,7 @@ ARS_SECTION_CODE static float wait_for_wheels(
     return result;
 }
 
-/* Keep the command near wheels that it does not move. last: command before; measured_before: angle before. */
+/* Keep the command near wheels that do not follow it. last: last command; measured_before: last measured angle. */
 ARS_SECTION_CODE static void stay_near_wheels(
     ars_task_t *self, ars_command_t *command, float last, float measured_before)
 {
@@ -513,7 +514,7 @@ ARS_SECTION_CODE static void stay_near_wheels(
     } else if (self->deviates && (self->waited_samples < wait_samples_max)) {
         rear_angle = wait_for_wheels(self, rear_angle, last, measured_before);
     } else {
-        /* the wheels follow, what they do is not known, or they were waited for */
+        /* the wheels follow, their angle is unknown, or the wait is over */
     }
     if ((rear_angle > command->rear_angle) || (rear_angle < command->rear_angle)) { /* differs */
         ars_controller_place(&self->controller, rear_angle);
@@ -538,7 +539,7 @@ ARS_SECTION_CODE static ars_command_t step(
         .speed = motion_usable ? self->motion.speed : not_available,
         .front_angle = motion_usable ? self->motion.front_angle : not_available,
         .yaw_rate = motion_usable ? self->motion.yaw_rate : not_available,
-        /* The law holds its demand near the measured angle, so that a wrong sensor would turn the wheels: only one that is expected. */
+        /* The law keeps its demand near the measured angle. Pass only an expected angle, so that a wrong sensor cannot turn the wheels. */
         .rear_angle = (conditions_usable && !self->deviates) ? self->conditions.rear_angle : not_available,
         .friction = conditions_usable ? self->conditions.friction : not_available,
         .lateral_acceleration = conditions_usable ? self->conditions.lateral_acceleration : not_available,

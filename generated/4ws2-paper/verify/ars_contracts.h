@@ -19,10 +19,10 @@
 #include "ars_map.h"
 #include "ars_task.h"
 
-#if ARS_MAP_BUILD != 0xDAF0EFB8u
+#if ARS_MAP_BUILD != 0x74A4FBBAu
 #error "ars_map.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0xDAF0EFB8u
+#if ARS_TASK_BUILD != 0x74A4FBBAu
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -304,7 +304,7 @@ static inline bool ars_task_holds(const ars_task_t *value)
     return holds;
 }
 
-/* What ars_map_valid() finds out about any breakpoint and any cell. Objects without a definition have any value.
+/* The result of ars_map_valid() for any breakpoint and any cell. Objects without a definition can have any value.
  * The look-ups are proved for a valid map: their callers have one with valid parameters. */
 extern const uint32_t any_row;
 extern const uint32_t any_column;

@@ -16,7 +16,7 @@
 #include "../src/ars_can.c"
 #include "ars_contracts.h"
 
-/* Any function, the same for the same arguments, whose results are in range. */
+/* An arbitrary function with results in range; equal arguments give equal results. */
 int32_t __CPROVER_uninterpreted_code(float value, float scale, int32_t low, int32_t high, int32_t not_available);
 
 int32_t to_code_of_lemma(float value, float scale, int32_t low, int32_t high, int32_t not_available)

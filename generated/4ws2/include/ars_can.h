@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0x9DDD958Du
+#define ARS_CAN_BUILD 0x1246D493u
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

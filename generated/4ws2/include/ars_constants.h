@@ -14,11 +14,11 @@
 extern "C" {
 #endif
 
-#define ARS_CONSTANTS_BUILD 0x9DDD958Du
+#define ARS_CONSTANTS_BUILD 0x1246D493u
 
 typedef struct {
     float lateral_acceleration_cap; /* m/s^2, largest steady lateral acceleration that the constraints allow */
-    float lateral_acceleration_cap_per_friction; /* m/s^2, largest lateral acceleration per friction, on slippery roads */
+    float lateral_acceleration_cap_per_friction; /* m/s^2, largest lateral acceleration on slippery roads, per unit of friction */
     float map_friction; /* road friction that the map assumes */
     float wheelbase; /* m, wheelbase of the linear car */
     float understeer_coefficient; /* s^2/m, understeer coefficient of the linear car */
@@ -29,8 +29,8 @@ typedef struct {
     float grip_max; /* m/s^2, largest lateral acceleration of the map on its road */
     float friction_per_grip; /* s^2/m, friction per lateral acceleration */
     float model_rear_slip_per_lateral_acceleration; /* rad s^2/m, rear slip angle per lateral acceleration of the model */
-    float rear_slip_least; /* rad, half of the rear slip angle at peak force */
-    float rear_slip_per_friction; /* rad, other half of the rear slip angle at peak force, per friction */
+    float rear_slip_least; /* rad, rear slip angle at peak force: constant part */
+    float rear_slip_per_friction; /* rad, rear slip angle at peak force: part that grows with friction, per unit of friction */
 } ars_constants_t;
 
 extern const ars_constants_t ars_constants;

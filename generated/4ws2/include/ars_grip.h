@@ -14,7 +14,7 @@
 
 #include "ars_parameters.h"
 
-#if ARS_PARAMETERS_BUILD != 0x9DDD958Du
+#if ARS_PARAMETERS_BUILD != 0x1246D493u
 #error "ars_parameters.h and this source come from different builds"
 #endif
 
@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_GRIP_BUILD 0x9DDD958Du
+#define ARS_GRIP_BUILD 0x1246D493u
 
 /* State between two samples. Private: read it in a debugger, change it only through the functions below. */
 typedef struct {
@@ -34,19 +34,20 @@ typedef struct {
 void ars_grip_init(ars_grip_t *self);
 
 /*
- * Return the friction coefficient for the control law: the lower of 1.25 times the given estimate, which counts as at least
- * parameters->friction_min, and the friction that corresponds to the grip. The map leaves a part of the grip unused: the estimate
- * lowers the demand near to what the road carries, and the grip finds the rest.
+ * Return the friction coefficient for the control law: the lower of 1.25 times the given estimate (at least
+ * parameters->friction_min) and the friction that corresponds to the learned grip. The factor is above 1 because the map leaves part of
+ * the grip unused: the estimate brings the demand near the limit of the road, and the learned grip does the rest.
  *
  * estimate: peak friction coefficient, any number; with NaN the grip alone decides.
  */
 float ars_grip_friction(const ars_grip_t *self, const ars_parameters_t *parameters, float estimate);
 
 /*
- * Update the estimate with a sample under control. The grip falls while the lateral acceleration towards that of the model is below it
- * by more than a tolerance, but not below the largest one reached lately. Otherwise it recovers. The tolerance is
- * parameters->grip_shortfall, and parameters->grip_shortfall_share of the model's acceleration while it uses little of the grip: soft
- * tyres lack a share of it at small slip, a slippery road lacks most near the peak.
+ * Update the estimate with a sample under control. The grip falls while the lateral acceleration, in the direction of the model's, is
+ * lower than the model's by more than a tolerance. It does not fall below the largest acceleration reached recently. Otherwise it
+ * recovers. The tolerance is parameters->grip_shortfall plus, while the model uses little of the grip,
+ * parameters->grip_shortfall_share of the model's acceleration: soft tyres fall short in proportion even at small slip, a slippery
+ * road mostly near the peak.
  *
  * model_acceleration, acceleration: m/s^2, of model and car; must be finite.
  */

@@ -26,7 +26,7 @@
 
 #include "ars_reference_model.h"
 
-#if ARS_REFERENCE_MODEL_BUILD != 0x9DDD958Du
+#if ARS_REFERENCE_MODEL_BUILD != 0x1246D493u
 #error "ars_reference_model.h and this source come from different builds"
 #endif
 
@@ -34,7 +34,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0x9DDD958Du
+#define ARS_INPUTS_BUILD 0x1246D493u
 
 /* Measurements of one sample. A value that is not available is NaN. */
 typedef struct {
@@ -85,7 +85,7 @@ typedef enum {
 /* State of one signal. */
 typedef struct {
     float value;         /* last plausible measurement, or the estimate that replaces it */
-    uint16_t missing;    /* samples without it, less two for each in which no signal is missing; at most one above the limit */
+    uint16_t missing;    /* missing samples minus twice the complete ones; at most one above the limit */
     uint16_t good;       /* consecutive samples that confirm it while it is replaced, or contradict it while it is measured */
     ars_signal_source_t source;
 } ars_signal_t;
@@ -103,20 +103,20 @@ typedef struct {
     ars_signal_t speed;
     ars_signal_t front_angle;
     ars_signal_t yaw_rate;
-    float expected_yaw_rate; /* rad/s, of the reference model with these steering angles */
+    float expected_yaw_rate; /* rad/s, yaw rate of the reference model with these steering angles */
     float least;             /* rad/s, smallest difference between yaw rate and expected_yaw_rate since the yaw rate last changed */
-    float least_of_front;    /* rad/s, the same since the front angle last changed */
+    float least_of_front;    /* rad/s, smallest such difference since the front angle last changed */
     float yaw_rate_offset;   /* rad/s, learned on straights */
-    float lateral_acceleration_offset; /* m/s^2, learned */
+    float lateral_acceleration_offset; /* m/s^2, learned in turns and on straights */
     float beyond_linear;     /* rad/s, correction of expected_yaw_rate by the lateral acceleration while both replace the yaw rate */
-    float friction;          /* last estimate; without a new one it moves to that of an unknown road */
-    float lateral_acceleration; /* m/s^2, last one */
-    float least_of_lateral;     /* rad/s, smallest difference of yaw rate and turn of the lateral acceleration since that changed */
-    uint16_t lateral_against;  /* samples in which it contradicts the yaw rate, less those in which it does not */
+    float friction;          /* last estimate; moves to the value of an unknown road while none arrives */
+    float lateral_acceleration; /* m/s^2, last measured value */
+    float least_of_lateral;     /* rad/s, smallest difference between yaw rate and lateral acceleration / speed since the latter changed */
+    uint16_t lateral_against;  /* samples in which the lateral acceleration contradicts the yaw rate, minus the others */
     bool lateral_is_wrong;     /* not used */
     bool lateral_is_known;   /* a lateral acceleration was measured at least once */
     bool lateral_is_proven;  /* the lateral acceleration agreed with the yaw rate in the last turn */
-    bool turn_is_confirmed;  /* it did so in the present one */
+    bool turn_is_confirmed;  /* the lateral acceleration agreed with the yaw rate in the present turn */
 } ars_inputs_t;
 
 /* Return whether every parameter is finite, in range and consistent with the others; false for NaN. */

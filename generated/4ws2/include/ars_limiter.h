@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x9DDD958Du
+#define ARS_LIMITER_BUILD 0x1246D493u
 
 enum { ARS_LIMITER_POINTS = 6 };
 

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x9DDD958Du
+#define ARS_MAP_BUILD 0x1246D493u
 
 /* Numbers of breakpoints. */
 enum {
@@ -32,7 +32,7 @@ enum {
 typedef struct {
     float yaw_rate;                 /* rad/s, with the sign of the front angle */
     float rear_angle;               /* rad, of the rear wheels in that steady turn; positive to the left */
-    float lateral_acceleration_max; /* m/s^2, that the road allows */
+    float lateral_acceleration_max; /* m/s^2, lateral acceleration that the road allows */
 } ars_map_reference_t;
 
 /*
@@ -45,15 +45,15 @@ typedef struct {
 float ars_map_yaw_rate(float speed, float front_angle);
 
 /*
- * Return the same on a road of estimated friction: the bound on lateral acceleration shrinks with it.
+ * Return the reference yaw rate on a road of the given friction: the bound on lateral acceleration shrinks with it.
  *
  * friction: peak friction coefficient, any number; NaN, and more than the map assumes, count as the map's own, negative values as 0.
  */
 float ars_map_yaw_rate_on_road(float speed, float front_angle, float friction);
 
 /*
- * Return the same together with the rear angle of the optimum, from a single search of the axes. Where the road reduces the yaw rate,
- * the rear wheels steer in phase by the angle that the linear vehicle needs for the reduction, up to the sideslip bound of the map.
+ * Return this yaw rate and the rear angle of the optimum, from a single search of the axes. Where the road reduces the yaw rate, the
+ * rear wheels steer in phase by the angle that the linear vehicle needs for the reduction, up to the sideslip bound of the map.
  * The rear angle is at most 0.06109 rad (3.5 deg).
  */
 ars_map_reference_t ars_map_reference(float speed, float front_angle, float friction);

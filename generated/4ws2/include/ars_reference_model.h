@@ -22,21 +22,21 @@
 extern "C" {
 #endif
 
-#define ARS_REFERENCE_MODEL_BUILD 0x9DDD958Du
+#define ARS_REFERENCE_MODEL_BUILD 0x1246D493u
 
 /* State of the model. Always finite: at most 0.349 rad of sideslip, 2.62 rad/s and 20 m/s^2. */
 typedef struct {
     float sideslip_angle;       /* rad */
     float yaw_rate;             /* rad/s */
-    float rear_angle;           /* rad, achieved by the model's actuator */
+    float rear_angle;           /* rad, rear angle that the model's actuator has reached */
     float lateral_acceleration; /* m/s^2, of the centre of gravity; force of the tyres in the middle of the last step */
-    float front_argument;       /* of the tyre curve, behind the motion by the relaxation length */
+    float front_argument;       /* argument of the tyre curve; lags behind the motion by the relaxation length */
     float rear_argument;
 } ars_reference_model_t;
 
 /* Inputs of one step, in the ranges of ars_law_step(). With other numbers and NaN, the state has no meaning but stays finite. */
 typedef struct {
-    float speed;       /* m/s; less than 1 m/s counts as that */
+    float speed;       /* m/s; lower values count as 1 m/s */
     float front_angle; /* rad, at the road wheel */
     float rear_angle;  /* rad, commanded */
     float friction;    /* peak friction coefficient of the road */

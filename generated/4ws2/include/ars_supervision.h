@@ -27,7 +27,7 @@
 
 #include "ars_controller.h"
 
-#if ARS_CONTROLLER_BUILD != 0x9DDD958Du
+#if ARS_CONTROLLER_BUILD != 0x1246D493u
 #error "ars_controller.h and this source come from different builds"
 #endif
 
@@ -35,7 +35,7 @@
 extern "C" {
 #endif
 
-#define ARS_SUPERVISION_BUILD 0x9DDD958Du
+#define ARS_SUPERVISION_BUILD 0x1246D493u
 
 /* State of the supervision. */
 typedef enum {
@@ -70,8 +70,8 @@ typedef enum {
 /* State of one supervision. Measurement systems may read it. */
 typedef struct {
     ars_supervision_state_t state;
-    ars_supervision_cause_t cause;    /* of the last sample */
-    ars_status_t status;              /* that is sent */
+    ars_supervision_cause_t cause;    /* cause of the last sample */
+    ars_status_t status;              /* status to send */
     bool has_command;                  /* a command is sent; else the rear angle is unknown, and the frame has "not available" */
 } ars_supervision_t;
 
@@ -80,7 +80,7 @@ void ars_supervision_init(ars_supervision_t *self);
 
 /* Take the cause of a sample. Returns the status to send.
  *
- * status: of the controller; it tells TRACKING from LIMITED. */
+ * status: status of the controller; distinguishes TRACKING from LIMITED. */
 ars_status_t ars_supervision_step(ars_supervision_t *self, ars_supervision_cause_t cause, ars_status_t status);
 
 #ifdef __cplusplus

@@ -49,23 +49,23 @@
 
 enum {
     EXIT_BAD_INPUT = 2,
-    SILENCE_PERIODS = 4,        /* without a frame of the car, before the timer is synchronised again */
-    FRAMES_AT_ONCE_MAX = 256,   /* read before the timer is checked again, even on a flooded bus */
-    COMMANDS_AT_ONCE_MAX = 4,   /* the same for commands of a master, which take longer */
+    SILENCE_PERIODS = 4,        /* periods without a frame of the car until the timer is synchronised again */
+    FRAMES_AT_ONCE_MAX = 256,   /* frames read before the timer is checked again, even on a flooded bus */
+    COMMANDS_AT_ONCE_MAX = 4,   /* commands of a master handled before the timer is checked again */
     SLIP_WEIGHT = 10,           /* weight of a run with two sets or none, relative to a run in phase */
-    SLIPPING_MAX = 25,          /* above it the timer is synchronised again */
+    SLIPPING_MAX = 25,          /* level of slips above which the timer is synchronised again */
     RECEIVE_BUFFER = 1 << 20    /* bytes; the kernel may give less */
 };
 
 static const int64_t second = INT64_C(1000000000);          /* all times are in ns */
 static const int64_t period = ARS_ECU_PERIOD_NS;
-static const int64_t watch_period = INT64_C(100000000);     /* of the checks for a lost interface and for the parent */
+static const int64_t watch_period = INT64_C(100000000);     /* period of the checks for a lost interface and for the parent */
 
 typedef struct {
     const char *interface;
     bool lock_step;
     bool xcp;                   /* measurement and calibration are enabled */
-    int priority;               /* of SCHED_FIFO; 0: normal scheduling */
+    int priority;               /* priority of SCHED_FIFO; 0: normal scheduling */
     pid_t parent;               /* the program ends when this is no longer its parent; 0: not checked */
 } options_t;
 
@@ -75,10 +75,10 @@ typedef struct {
     ars_xcp_t xcp;
     int bus;                    /* file descriptor; -1 while the interface is missing */
     int master;                 /* second socket, for XCP; -1 also without XCP */
-    int timer;                  /* of the task; not started in lock-step */
+    int timer;                  /* timer of the task; not started in lock-step */
     int watch;
     int signals;
-    int64_t deadline;           /* of the task's next run */
+    int64_t deadline;           /* time of the task's next run */
     bool in_phase;              /* timer is synchronised with the frames of the car */
     bool heard;                 /* a frame of the car was received since the last run */
     uint32_t silent_periods;
@@ -86,12 +86,12 @@ typedef struct {
     uint32_t slipping;          /* level of recent slips */
     uint32_t late;              /* runs a period or more after their deadline */
     uint32_t runs;              /* runs by the timer */
-    int64_t lateness_sum;       /* of the runs by the timer */
+    int64_t lateness_sum;       /* sum over the runs by the timer */
     int64_t lateness_max;
     uint32_t discarded;         /* frames that were too old */
     uint32_t sent;
     uint32_t send_errors;
-    uint32_t lost_packets;      /* of XCP */
+    uint32_t lost_packets;      /* XCP packets that could not be sent */
 } ecu_t;
 
 static ecu_t ecu;

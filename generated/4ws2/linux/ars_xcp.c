@@ -843,7 +843,7 @@ static uint8_t on_get_daq_resolution_info(ars_xcp_t *self, const ars_xcp_packet_
     (void)in;
     answer->data[1] = 1u; /* granularity of an entry's size */
     answer->data[2] = (uint8_t)ARS_XCP_ENTRY_MAX;
-    answer->data[3] = 1u; /* the same for stimulation, which is not supported */
+    answer->data[3] = 1u; /* granularity for stimulation, which is not supported */
     answer->data[5] = ARS_XCP_TIMESTAMP_MODE;
     put_word(&answer->data[6], 1u); /* tick in each unit */
     answer->length = 8u;
@@ -924,7 +924,7 @@ uint8_t ars_xcp_event(ars_xcp_t *self, ars_xcp_packet_t packets[ARS_XCP_ODT_MAX]
 typedef struct {
     uint8_t code;
     uint8_t length; /* smallest number of bytes */
-    /* in: zero beyond its length. answer: positive, without data, zero beyond its length. Returns an error or DONE. */
+    /* in: command, padded with zeros. answer: positive answer without data, padded with zeros. Returns an error or DONE. */
     uint8_t (*run)(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer);
 } command_t;
 

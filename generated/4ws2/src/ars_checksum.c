@@ -8,11 +8,11 @@
 
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0x9DDD958Du
+#if ARS_CHECKSUM_BUILD != 0x1246D493u
 #error "ars_checksum.h and this source come from different builds"
 #endif
 
-/* A number counts by its bits, NaN too; a compiler that may assume there is none could take others. */
+/* The checksum covers the bits of each number, NaN included; a compiler that assumes there is no NaN could change them. */
 #if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
 #error "do not compile this file with -ffast-math or -ffinite-math-only"
 #endif

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0x9DDD958Du
+#if ARS_CONTROLLER_BUILD != 0x1246D493u
 #error "ars_controller.h and this source come from different builds"
 #endif
 
@@ -67,7 +67,7 @@ ARS_SECTION_CODE static float toward_zero(float value, float step)
     return result;
 }
 
-/* Start with the first speed. One that was never measured, or was lost until its substitute fell to zero, tells nothing. */
+/* Enable control with the first speed. A speed that was never measured, or whose substitute has fallen to zero, does not count. */
 ARS_SECTION_CODE static void start_with_speed(ars_controller_t *self)
 {
     if ((self->inputs.speed.source == ARS_SIGNAL_MEASURED) || (magnitude(self->sample.speed) > 0.0f)) {
@@ -75,18 +75,18 @@ ARS_SECTION_CODE static void start_with_speed(ars_controller_t *self)
     } else if (!self->enabled) {
         self->status = ARS_STATUS_STANDBY;
     } else {
-        /* it has started */
+        /* control has started */
     }
 }
 
-/* m/s. A slower car counts as standing: its wheels would scrub. */
+/* m/s. A slower car counts as standing: turning the wheels would scrub the tyres. */
 ARS_SECTION_CONST static const float standing_speed = 0.1f;
 
-/* rad/s, so that the curvature changes gently where a car starts with turned wheels. */
+/* rad/s, rate at low speed: the curvature changes gently when a car starts with turned wheels. */
 ARS_SECTION_CONST static const float slow_rate = 0.033161256f;
 
-/* Largest change of the command in a sample of a slow car, in rad: it builds up over the distance driven, so that the rear of the car
- * does not swing out, and gently. From slow_speed on, and up to three times of it, the rate limit of the law replaces that. */
+/* Largest change of the command in a sample at low speed, in rad. It grows with the distance driven, so that the rear of the car does
+ * not swing out, and gently. Between slow_speed and three times slow_speed, the rate limit of the law takes over. */
 ARS_SECTION_CODE static float slow_step(const ars_parameters_t *parameters, float speed)
 {
     const float distance = (magnitude(speed) < standing_speed) ? 0.0f : (magnitude(speed) * sampling_time);
@@ -127,7 +127,7 @@ ARS_SECTION_CODE static void control(
     ars_law_output_t output;
     bool is_slowed = false;
 
-    if (self->inputs.yaw_rate.source != ARS_SIGNAL_MEASURED) { /* nothing shows the sideslip */
+    if (self->inputs.yaw_rate.source != ARS_SIGNAL_MEASURED) { /* the sideslip cannot be observed */
         self->law.sideslip = self->law.model.sideslip_angle;
     }
     output = ars_law_step(&self->law, parameters, sample, phase, friction, self->rear_angle, self->yaw_rate_error);
@@ -147,12 +147,12 @@ ARS_SECTION_CODE static void control(
         } else {
             self->status = (self->law.is_limited || is_slowed) ? ARS_STATUS_LIMITED : ARS_STATUS_TRACKING;
         }
-        if (sample->speed <= parameters->slow_speed) { /* the model is not that slow */
+        if (sample->speed <= parameters->slow_speed) { /* the model runs at slow_speed then */
             ars_grip_recover(&self->grip, parameters);
         } else if (!sample->inhibit && (self->quality == ARS_QUALITY_GOOD)) {
             ars_grip_update(&self->grip, parameters, self->law.model.lateral_acceleration, sample->lateral_acceleration);
         } else {
-            /* nothing is learned from such a sample */
+            /* the grip is not learned from such a sample */
         }
     }
 }

@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_E2E_BUILD != 0x9DDD958Du
+#if ARS_E2E_BUILD != 0x1246D493u
 #error "ars_e2e.h and this source come from different builds"
 #endif
 

@@ -9,10 +9,10 @@
 #include "ars_constants.h"
 #include "ars_sections.h"
 
-#if ARS_CONSTANTS_BUILD != 0x9DDD958Du
+#if ARS_CONSTANTS_BUILD != 0x1246D493u
 #error "ars_constants.h and this source come from different builds"
 #endif
-#if ARS_GRIP_BUILD != 0x9DDD958Du
+#if ARS_GRIP_BUILD != 0x1246D493u
 #error "ars_grip.h and this source come from different builds"
 #endif
 
@@ -23,7 +23,7 @@
 
 ARS_SECTION_CONST static const float sampling_time = 0.01f; /* s */
 
-/* Factor on an estimate from outside. It only lowers the demand near to what the road carries; the car finds the rest. */
+/* Factor on a given estimate: it only brings the demand near the limit of the road; the learned grip does the rest. */
 ARS_SECTION_CONST static const float estimate_factor = 1.25f;
 
 /* Return the value within low and high; low for NaN. */

@@ -11,7 +11,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_INPUTS_BUILD != 0x9DDD958Du
+#if ARS_INPUTS_BUILD != 0x1246D493u
 #error "ars_inputs.h and this source come from different builds"
 #endif
 
@@ -29,19 +29,19 @@ ARS_SECTION_CONST static const float speed_least = 1.0f;
 /* m/s. At lower speeds the noise of the lateral acceleration looks like a turn. */
 ARS_SECTION_CONST static const float lateral_speed_least = 5.0f;
 
-/* m/s^2, of the lateral acceleration. No car changes it by as much in a sample. */
+/* m/s^2, largest change of the lateral acceleration in a sample that a car can make. */
 ARS_SECTION_CONST static const float lateral_step_max = 2.0f;
 
 /* m/s^2. Every car with turned front wheels reaches more, also on ice. */
 ARS_SECTION_CONST static const float turn_acceleration_least = 1.0f;
 
-/* Share of the yaw rate of a turn. A measured one below it is another turn. */
+/* A measured yaw rate below this share of the expected one belongs to a different turn. */
 ARS_SECTION_CONST static const float short_share = 0.75f;
 
-/* m/s^2 per sample. A road that banks as fast is learned; where a car starts to slide, the difference grows faster. */
+/* m/s^2, largest change of the offset per sample: fast enough for a banked road, too slow for a car that starts to slide. */
 ARS_SECTION_CONST static const float bank_step = 0.006f;
 
-/* Share of an offset that is learned where a turn would look the same, relative to one that only one signal shows. */
+/* Learning rate for a deviation that both signals show, relative to one that only one shows: the former could be a turn. */
 ARS_SECTION_CONST static const float ambiguous_share = 0.0625f;
 
 /* Return the number without its sign bit. Faster than a comparison: one instruction. */
@@ -134,8 +134,8 @@ ARS_SECTION_CODE static bool follow(
     return is_missing;
 }
 
-/* Reduce the count of missing samples, by two: a signal that is there in most samples is predicted in the others. To be called only if no
- * signal is missing: if each count fell on its own, signals that are missing alternately would be predicted forever. */
+/* Reduce the count of missing samples by two: a signal that is available in most samples is predicted in the others. Call it only if no
+ * signal is missing: with independent counts, signals that are missing alternately would be predicted forever. */
 ARS_SECTION_CODE static void forget(ars_signal_t *self)
 {
     const uint32_t missing = self->missing;
@@ -146,14 +146,14 @@ ARS_SECTION_CODE static void forget(ars_signal_t *self)
 }
 
 /* Check a replaced signal. If it was wrong, the other signals must confirm it for recovery_samples consecutive samples. If it was lost, its
- * available samples must outnumber the missing ones by as many: on a bus that loses frames for long, they are never consecutive. */
+ * available samples must outnumber the missing ones by recovery_samples: on a bus that keeps losing frames, they are never consecutive. */
 ARS_SECTION_CODE static void prove(
     ars_signal_t *self, const ars_inputs_parameters_t *parameters, float measured, bool is_available, bool is_confirmed)
 {
     if (is_available && (is_confirmed || (self->source == ARS_SIGNAL_LOST))) {
         self->good++;
     } else if ((self->source == ARS_SIGNAL_LOST) && (self->good > 0u) && (self->good < parameters->recovery_samples)) {
-        self->good--; /* more of them are those of a start, whose first sample counts alone */
+        self->good--; /* a larger count is that of a start, at which the first sample suffices */
     } else {
         self->good = 0u;
     }
@@ -176,7 +176,7 @@ ARS_SECTION_CODE static bool is_frozen(
     return (deviation - *least_deviation) > parameters->yaw_rate_frozen;
 }
 
-/* Update the friction estimate. A lost estimate moves slowly to that of an unknown road. */
+/* Update the friction estimate. A lost estimate moves slowly to the value of an unknown road. */
 ARS_SECTION_CODE static void take_friction(
     ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float measured)
 {
@@ -300,9 +300,10 @@ ARS_SECTION_CODE static lateral_t turn_of_lateral(
     return lateral;
 }
 
-/* Judge whether the lateral acceleration may be used. It contradicts a yaw rate that the steering angles confirm if that gives a turn of
- * twice its own or of the other sign, as no car slides for long. A jump, and a value that is constant to the bit while such a yaw rate
- * moves away from it, are wrong at once. It is used again after as many samples without a contradiction. */
+/* Judge whether the lateral acceleration may be used. It is compared with a yaw rate that the steering angles confirm. It contradicts
+ * that yaw rate if it implies a turn in the other direction, or one that differs by half: no car slides like this for long. A jump
+ * counts as wrong at once, and so does a value that stays constant to the bit while the yaw rate moves away from it. The signal is
+ * used again after 5 * recovery_samples samples without a contradiction. */
 ARS_SECTION_CODE static void judge_lateral(
     ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float measured, const lateral_t *lateral)
 {
@@ -336,9 +337,10 @@ ARS_SECTION_CODE static void judge_lateral(
     }
 }
 
-/* Check the speed against lateral acceleration over yaw rate. That speed counts only if the steering angles give the same yaw rate at
- * it, because a banked road changes the acceleration alone. A measured speed is wrong after deviating from it for fifteen times
- * recovery_samples; a replaced speed moves slowly to it. net_steering_angle: rad, front minus rear angle. */
+/* Check the speed against the one implied by the motion: lateral acceleration / yaw rate. The implied speed counts only if the
+ * steering angles give the same yaw rate at it, because a banked road changes the acceleration alone. A measured speed is wrong after
+ * deviating from it for fifteen times recovery_samples; a replaced speed moves slowly to it.
+ * net_steering_angle: rad, front minus rear angle. */
 ARS_SECTION_CODE static void check_speed(
     ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float net_steering_angle, const lateral_t *lateral)
 {
@@ -524,8 +526,8 @@ ARS_SECTION_CODE static bool take_yaw_rate(
 }
 
 /* Learn the offsets of yaw rate and lateral acceleration. On a straight both are compared with the expected yaw rate; a difference
- * above the largest offset is no offset but a disturbance. What both show alike is a turn, unless it lasts: it is learned slowly.
- * In a turn the yaw rate teaches the acceleration: a banked road changes that alone, and would look like a loss of grip. */
+ * above the largest offset is a disturbance. A deviation that both show is probably a turn and is learned slowly. In a turn only the
+ * offset of the acceleration is learned, from the yaw rate: a banked road changes the acceleration alone, like a loss of grip. */
 ARS_SECTION_CODE static void learn_offsets(
     ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float front_yaw_rate, float expected_yaw_rate,
     const lateral_t *lateral)
@@ -574,7 +576,7 @@ ARS_SECTION_CODE static void stand_in(ars_inputs_t *self, const ars_inputs_param
     self->yaw_rate.value = bounded(self->expected_yaw_rate + self->beyond_linear, parameters->yaw_rate_max);
 }
 
-/* Let the expected yaw rate follow that of the linear vehicle with the lag of a real one. */
+/* Move the expected yaw rate towards the steady one of the linear vehicle, with the lag of a real vehicle. */
 ARS_SECTION_CODE static float follow_linear_vehicle(
     ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float steady_yaw_rate)
 {
@@ -585,9 +587,9 @@ ARS_SECTION_CODE static float follow_linear_vehicle(
     return self->expected_yaw_rate;
 }
 
-/* Find the expected yaw rate, and return the one with the measured rear angle. The model has the rear angle of the map, from which
- * feedback turns the rear wheels away. The linear vehicle tells the difference on a straight; near the limit of grip it tells too
- * much, so everything between is expected too. The model divides by the speed: slow vehicles are linear. */
+/* Find the expected yaw rate, and return the one with the measured rear angle. The model is driven with the rear angle of the map;
+ * feedback adds to it. The linear vehicle gives the effect of this addition. Near the limit of grip it gives too much, so any yaw rate
+ * between both is expected. At low speed, where the model would divide by it, the linear vehicle is used. */
 ARS_SECTION_CODE static float expect(
     ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float gain, float net_steering_angle, float rear_angle,
     const ars_reference_model_t *model)

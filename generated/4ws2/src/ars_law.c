@@ -10,13 +10,13 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONSTANTS_BUILD != 0x9DDD958Du
+#if ARS_CONSTANTS_BUILD != 0x1246D493u
 #error "ars_constants.h and this source come from different builds"
 #endif
-#if ARS_LAW_BUILD != 0x9DDD958Du
+#if ARS_LAW_BUILD != 0x1246D493u
 #error "ars_law.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x9DDD958Du
+#if ARS_MAP_BUILD != 0x1246D493u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -123,7 +123,7 @@ ARS_SECTION_CODE static float feedback_share(const ars_parameters_t *parameters,
     return clamp((speed - parameters->slow_speed) / parameters->slow_speed, 0.0f, 1.0f);
 }
 
-/* Speed of the model, which is not that slow. */
+/* Speed of the model, at least slow_speed. */
 ARS_SECTION_CODE static float model_speed(const ars_parameters_t *parameters, float speed)
 {
     return (speed > parameters->slow_speed) ? speed : parameters->slow_speed;
@@ -181,8 +181,8 @@ ARS_SECTION_CODE void ars_law_init(ars_law_t *self, float rear_angle)
 }
 
 /* Look up the map with lead: the front angle is extrapolated by its rate, which is smoothed because the difference of two samples is
- * mostly noise. The map's rear angle is that of the steady turn. In transients it is corrected by the yaw rate that the model will
- * still lack when the actuator has responded. */
+ * mostly noise. The map's rear angle is that of the steady turn. In transients it is corrected for the yaw rate that the model
+ * will still be short of when the actuator has responded. */
 ARS_SECTION_CODE static ars_map_reference_t reference_ahead(
     ars_law_t *self, const ars_parameters_t *parameters, const ars_measurement_t *sample, const gains_t *gains,
     float fade, float friction, ars_law_phase_t phase)
@@ -223,7 +223,7 @@ ARS_SECTION_CODE static void start_law(
     self->sideslip = self->model.sideslip_angle;
 }
 
-/* Observe the sideslip: the measured motion, and slowly the model's. */
+/* Observe the sideslip: integrate the measured motion, and return slowly to the sideslip of the model. */
 ARS_SECTION_CODE static void observe_sideslip(ars_law_t *self, const ars_measurement_t *sample, float slowness)
 {
     const float rate = ((sample->lateral_acceleration * slowness) - sample->yaw_rate)
@@ -238,9 +238,9 @@ ARS_SECTION_CODE static float not_negative(float value)
     return (value > 0.0f) ? value : 0.0f;
 }
 
-/* Yaw rate that the car can reach now: that of the model plus a bounded trim, which moves slowly towards the map. It leads the turn that
- * the measured lateral acceleration gives by no more than the model does, and a margin: where the tyres give no more force, a higher
- * yaw rate is only sideslip. speed: of the model. outward: sideslip out of the turn, as a share of sideslip_max; 0 for one into the
+/* Yaw rate that the car can reach now: that of the model plus a bounded trim, which moves slowly towards the map. It exceeds
+ * lateral acceleration / speed by no more than in the model, plus a margin: where the tyres give no more force, a higher yaw rate only
+ * adds sideslip. speed: result of model_speed(). outward: sideslip out of the turn, as a share of sideslip_max; 0 for sideslip into the
  * turn. share: 1 - outward. */
 ARS_SECTION_CODE static float reachable_yaw_rate(
     ars_law_t *self, const ars_parameters_t *parameters, const ars_map_reference_t *map,
@@ -266,9 +266,9 @@ ARS_SECTION_CODE static float reachable_yaw_rate(
     return bounded(self->model.yaw_rate + self->trim, yaw_rate_max);
 }
 
-/* Range of the feedback. It may increase the turn by yaw_increasing_wide, and with sideslip out of the turn by less, down to
- * yaw_increasing_max. Against the turn it is free until the rear tyres slip by as much as gives their peak force: beyond it they would
- * lose force. The direction of the turn is taken from two samples, so that a single wrong sign releases neither side. */
+/* Range of the feedback. It may increase the turn by yaw_increasing_wide; sideslip out of the turn reduces this down to
+ * yaw_increasing_max. Against the turn it is free up to the slip angle at which the rear tyres have their peak force: beyond it they
+ * would lose force. The direction of the turn is taken from two samples, so that a single wrong sign releases neither side. */
 ARS_SECTION_CODE static range_t feedback_range(
     const ars_law_t *self, const ars_parameters_t *parameters, const ars_measurement_t *sample, float feedforward,
     float rear_slip_max, float slowness, float share)
@@ -306,7 +306,7 @@ ARS_SECTION_CODE static ars_law_output_t track(
     const gains_t gains = gains_at(parameters, speed);
     const ars_map_reference_t map = reference_ahead(self, parameters, sample, &gains, fade, friction, phase);
     const ars_reference_model_input_t input = { speed, sample->front_angle, map.rear_angle, friction };
-    /* On a slippery road the peak force comes at the same slip, or at less in proportion to the friction; between both. */
+    /* On a slippery road the peak force is at the same slip, or at one in proportion to the friction, depending on the tyre: take the mean. */
     const float rear_slip_max = ars_constants.rear_slip_least + (friction * ars_constants.rear_slip_per_friction);
     const float command_step_max = command_step(parameters);
     float outward;
@@ -348,8 +348,8 @@ ARS_SECTION_CODE static ars_law_output_t track(
         /* within the range */
     }
     if (limited && !sample->inhibit) {
-        /* Keep the integral, held within the range, without the step of this sample: even a step that leads back into the range
-         * starts so far outside that it ends at the limit. The proportional part is not stored. */
+        /* Keep the integral within the range, without the step of this sample: the feedback is so far outside the range that even a
+         * step towards it would end at the limit. The proportional part is not stored. */
         integral = clamp(self->integral, range.low, range.high);
     }
 
@@ -368,7 +368,7 @@ ARS_SECTION_CODE static ars_law_output_t track(
     }
     if (fade > 0.0f) {
         self->integral = integral;
-    } else { /* nothing is left to forget when feedback comes back */
+    } else { /* the feedback starts without memory when it returns */
         self->integral = 0.0f;
         self->sideslip = self->model.sideslip_angle;
     }
@@ -389,7 +389,7 @@ ARS_SECTION_CODE ars_law_output_t ars_law_step(
     return track(self, parameters, sample, phase, friction, rear_angle, yaw_rate_error);
 }
 
-/* The wheels follow the command of a sample without control. */
+/* The reference model follows the command of a sample without control. */
 ARS_SECTION_CODE void ars_law_rest(
     ars_law_t *self, const ars_measurement_t *sample, float friction, float rear_angle)
 {

@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_SUPERVISION_BUILD != 0x9DDD958Du
+#if ARS_SUPERVISION_BUILD != 0x1246D493u
 #error "ars_supervision.h and this source come from different builds"
 #endif
 

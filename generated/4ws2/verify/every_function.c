@@ -17,7 +17,7 @@
 #include "ars_dynamics.h"
 #include "ars_map.h"
 
-#if ARS_TASK_BUILD != 0x9DDD958Du
+#if ARS_TASK_BUILD != 0x1246D493u
 #error "ars_task.h and this source come from different builds"
 #endif
 
