@@ -23,7 +23,7 @@ from codegen.sil.batch import BatchSoftware, Lanes, load_batch
 from codegen.sil.closed_loop import ClosedLoop
 from codegen.sil.compile import DEFAULT_FLAGS
 from codegen.sil.software import load
-from codegen.sil.vector import FLAGS, ISAS, Isa, compiler_offers, machine_runs
+from codegen.sil.vector import ISAS, VECTOR_FLAGS, Isa, compiler_offers, machine_runs
 from codegen.vehicle.plant_car import plant_parameters
 
 REQUIRED: dict[Isa, float | None] = {"x86-64-v4": 5000.0, "x86-64-v3": 2500.0, "none": None}
@@ -93,7 +93,7 @@ def run(quick: bool, say: Callable[[str], None]) -> Report:
             comparisons += lines
             notes.append(figures)
     notes.append(f"single run and all controllers: {' '.join(DEFAULT_FLAGS)}")
-    notes.append(f"plants of the batch, for AVX-512, also: {' '.join(FLAGS['x86-64-v4'])}")
+    notes.append(f"plants of the batch, for AVX-512, also: {' '.join(VECTOR_FLAGS['x86-64-v4'])}")
     title = f"{RUNS} closed loops at once, {DURATION:g} s of driving each: time of one run, all columns recorded"
     return Report(title, tuple(comparisons), tuple(notes))
 

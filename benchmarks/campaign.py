@@ -155,7 +155,7 @@ def _command(scratch: Path, samples: int) -> tuple[float, int]:
     with tempfile.TemporaryDirectory(dir=scratch) as folder:
         arguments = ("sweep", "--spec", str(_spec(scratch, samples)), "-o", folder, "--workers", str(CORES))
         done = _python(scratch, COMMAND, str(CORES), *arguments)
-        return int(done.splitlines()[-1]) / 1024.0, Path(folder, store.RUNS).stat().st_size
+        return int(done.splitlines()[-1]) / 1024.0, Path(folder, store.RUNS_FILE).stat().st_size
 
 
 def _spec(scratch: Path, samples: int) -> Path:

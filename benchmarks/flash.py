@@ -20,7 +20,7 @@ from codegen.ecu_map.reference_surface import ReferenceSurface, reference_surfac
 from codegen.ecu_map.total import TotalMap
 from codegen.optimum.nonlinear import NonlinearTurns
 from codegen.optimum.solve import solve_case
-from codegen.report.flash import HEADER, flash_rows
+from codegen.report.flash import FLASH_HEADER, flash_rows
 from codegen.vehicle.single_track import SingleTrack
 
 CASE = "4ws-2"
@@ -61,7 +61,7 @@ def run(quick: bool, say: Callable[[str], None]) -> CountReport:
             tables.append((title, COLUMNS, _rows(found, surface, seen)))
             if not quick and not tyre:
                 rows = tuple(Row(cells) for cells in flash_rows(found))
-                tables.append((f"Error against flash, map {CASE}, kind {kind}", HEADER, rows))
+                tables.append((f"Error against flash, map {CASE}, kind {kind}", FLASH_HEADER, rows))
     return CountReport(
         tuple(tables),
         (

@@ -17,7 +17,7 @@ from benchmarks.tables import CountReport, Row
 from codegen.identify.drive import Drive
 from codegen.identify.parameters import BY_NAME
 from codegen.identify.run import identify
-from codegen.identify.summary import CONFIDENCE
+from codegen.identify.summary import CONFIDENCE_FACTOR
 from codegen.identify.validation import validate
 from codegen.units import DEGREE
 from hil_sim.suite.background import Background
@@ -78,9 +78,9 @@ def quantity_rows(results: list[CarResult]) -> list[Row]:
             "" if np.isinf(limit) else f"{100.0 * limit:g} %" if is_relative else f"{limit / parameter.size:g} {parameter.unit}"
         )
         is_met = worst <= limit and (np.isinf(limit) or len(values) == len(results))
-        covered = f"{100.0 * float((deviations <= CONFIDENCE).mean()):.0f} %"
+        covered = f"{100.0 * float((deviations <= CONFIDENCE_FACTOR).mean()):.0f} %"
         rows.append(Row((parameter.title, f"{len(values)} of {len(results)}", shown, asked, covered), is_met))
-    share = float((np.array(every) <= CONFIDENCE).mean())
+    share = float((np.array(every) <= CONFIDENCE_FACTOR).mean())
     low, high = COVERAGE
     asked = f"{100.0 * low:g} to {100.0 * high:g} % covered"
     rows.append(Row(("all", str(len(every)), "", asked, f"{100.0 * share:.1f} %"), low <= share <= high))

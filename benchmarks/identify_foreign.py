@@ -20,7 +20,7 @@ from codegen.configuration import Config, preset
 from codegen.identify.drive import Drive
 from codegen.identify.outcome import identify_and_predict
 from codegen.identify.reached import HELD_S, PEAK_QUANTILE, held_means
-from codegen.identify.summary import CONFIDENCE
+from codegen.identify.summary import CONFIDENCE_FACTOR
 from codegen.sil.plant import PlantInput, PlantSample
 from codegen.units import DEGREE
 from hil_sim.second_plant.plant import PUBLISHED, car_of, published
@@ -269,7 +269,7 @@ def rows_of(results: list[Found]) -> Iterator[Row]:
             values = values[np.isfinite(values).all(axis=1)]
             if not len(values):
                 continue
-            error, interval = np.abs(values[:, 0] - values[:, 2]), CONFIDENCE * values[:, 1]
+            error, interval = np.abs(values[:, 0] - values[:, 2]), CONFIDENCE_FACTOR * values[:, 1]
             inside = int((error <= interval).sum())
             cells = (
                 kind,

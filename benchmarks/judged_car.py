@@ -31,7 +31,7 @@ from codegen.optimum.solve import solve_case
 from hil_sim import third_plant
 from hil_sim.manoeuvres import Hands
 from hil_sim.scenarios import DEPARTURE_TIME_S, SCENARIOS, Scenario
-from hil_sim.suite.cells import STEER_TIME, c1
+from hil_sim.suite.cells import CELL_STEER_TIME, c1
 from hil_sim.suite.subjects import (
     RECOMMENDED_CASE,
     Subject,
@@ -172,7 +172,7 @@ def paper_steps(config: Config, plants: Sequence[str]) -> tuple[PaperStep, ...]:
 def _steady(subject: Subject, plant: str) -> tuple[float, float]:
     """Return the steady yaw rate in deg/s and |sideslip| in deg after the paper's step."""
     cell = c1(subject.config)
-    step = StepResponse(Runs.of_record(drive(subject, plant, cell.scenario(subject.config)), STEER_TIME))
+    step = StepResponse(Runs.of_record(drive(subject, plant, cell.scenario(subject.config)), CELL_STEER_TIME))
     return float(step.yaw_rate_steady_deg_s[0]), abs(float(step.sideslip_steady_deg[0]))
 
 

@@ -22,7 +22,7 @@ from codegen.errors import ConfigError
 from codegen.files import reason_of
 from hil_sim.suite.background import Background
 from hil_sim.suite.cars import DEVELOPMENT_SEED, examine, random_cars
-from hil_sim.suite.cells import STEER_TIME
+from hil_sim.suite.cells import CELL_STEER_TIME
 from hil_sim.suite.requirements import Limits
 
 SEED = 6
@@ -162,7 +162,7 @@ def _notes(straight: float) -> tuple[str, ...]:
         "of its peak force, at most the map's. A cell is met at 99 % of it.",
         f"Row 7: steps, {FLICKS.speed.size} flicks and {DWELLS.speed.size} sines with dwell (60 to 100 km/h, 2 to 6 deg at the "
         "front wheels), each with a bias of the measured lateral acceleration of 0, +0.3 and -0.3 m/s^2 from the start, "
-        f"{straight + STEER_TIME:g} s before a step. Details: spins with each bias; largest sideslip in deg with each.",
+        f"{straight + CELL_STEER_TIME:g} s before a step. Details: spins with each bias; largest sideslip in deg with each.",
         "Row 9: a road carries a cell if the car can reach 99 % of the map's yaw rate on it.",
         f"Row 10: {GUST_N:g} N to the left at the front axle for {GUST_S:g} s, worst of 80 to 130 km/h; nobody steers. Linear: "
         "the sampled car of the design, with relaxation, lag and motor, and the gains over speed, without the rest "

@@ -21,7 +21,7 @@ from codegen.judgement.bench import Bench
 from codegen.map_file import map as npz
 from codegen.map_file.map import ReferenceMap
 from codegen.metrics import Runs
-from codegen.metrics.runs import COLUMNS, spin_times
+from codegen.metrics.runs import METRIC_COLUMNS, spin_times
 from codegen.optimum.solve import solve_case
 from codegen.sil.batch import NOISES, Lanes, sensor_errors
 from codegen.sil.closed_loop import INPUT_COLUMNS
@@ -29,8 +29,8 @@ from codegen.units import KM_H
 from codegen.vehicle.plant_car import optional_parts, plant_parameters
 from hil_sim.manoeuvres import dwell_shape
 from hil_sim.suite.cells import (
-    DURATION,
-    STEER_TIME,
+    CELL_DURATION,
+    CELL_STEER_TIME,
     Cell,
     Change,
     Condition,
@@ -64,7 +64,7 @@ SEED = 6
 """Seed of the noise."""
 BANK_TIME, BANK_RISE_TIME = 4.0, 1.0
 """s: the road begins to bank, and how long that takes."""
-DRIVEN_COLUMNS = ("speed_m_s", *COLUMNS)
+DRIVEN_COLUMNS = ("speed_m_s", *METRIC_COLUMNS)
 """Recorded columns."""
 
 
@@ -196,9 +196,9 @@ class LawCar:
         speed, angle = self.speeds_km_h * KM_H, np.array([front_angle(cell) for cell in self.cells])
 
         def course(time: FloatArray) -> FloatArray:
-            return np.where(time >= STEER_TIME - 1e-9, 1.0, 0.0)
+            return np.where(time >= CELL_STEER_TIME - 1e-9, 1.0, 0.0)
 
-        return Drives("step", course, DURATION, STEER_TIME, speed, angle)
+        return Drives("step", course, CELL_DURATION, CELL_STEER_TIME, speed, angle)
 
     def drive(self, drives: Drives, plant: str, settings: Sequence[Setting]) -> Runs:
         """Return the runs of all settings, each with all drives: (samples, settings times drives).

@@ -35,7 +35,7 @@ def random_figures(drawn: Sequence[cars.CarResult], seed: int) -> Iterator[Figur
     """Yield row 1."""
     needed, title = math.ceil(PASSING_SHARE * len(drawn)), f"random cars of seed {seed} that keep all limits of the suite"
     counts = {plant.title: sum(car.passed_on(plant) for car in drawn) for plant in cars.PLANTS}
-    counts[f"{NOMINAL.title} and {cars.ROLL.title}"] = sum(car.passed for car in drawn)
+    counts[f"{NOMINAL.title} and {cars.ROLL_CONDITION.title}"] = sum(car.passed for car in drawn)
     for plant, count in counts.items():
         yield Figure(1, title, plant, f"{needed} of {len(drawn)}", "", f"{count}", count >= needed)
     for car in drawn:

@@ -20,7 +20,7 @@ from codegen.metrics.path import paths
 from codegen.metrics.sine import SineResponse
 from codegen.units import KM_H
 from hil_sim.suite.cells import Condition, actuator_lag, relaxation, up_to
-from hil_sim.suite.controller_properties import SPEEDS_KM_H
+from hil_sim.suite.controller_properties import MARGIN_SPEEDS_KM_H
 
 RATIO_MAX = minimal_error.REQUIRED
 RISE_MEAN_S, RISE_MAX_S = 0.30, 0.37
@@ -164,7 +164,7 @@ def _margins(car: LawCar) -> Iterator[Figure]:
 def _worst(car: LawCar, chosen: Sequence[Member]) -> tuple[float, float, float]:
     """Return the least gain margin in dB and phase margin in deg, and the largest sensitivity, over speed."""
     config = car.config
-    speed = np.array(up_to(family_range_km_h(config)[1], SPEEDS_KM_H)) * KM_H
+    speed = np.array(up_to(family_range_km_h(config)[1], MARGIN_SPEEDS_KM_H)) * KM_H
     kp, ki = gains_of(schedule_of(config))(speed)
     frequency = frequency_grid(config.controller.sampling_time_s)
     found = loop_margins(sample(config, tuple(chosen), speed), kp, ki, frequency)

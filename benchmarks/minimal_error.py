@@ -23,7 +23,7 @@ from codegen.units import KM_H
 from codegen.vehicle.dynamics import PLANT_INPUTS, PLANT_OUTPUTS, PLANT_STATES, two_track
 from codegen.vehicle.tyre import slip_bounds
 from hil_sim.metrics.run import column
-from hil_sim.suite.cells import STEER_TIME, Cell, cells, ideal
+from hil_sim.suite.cells import CELL_STEER_TIME, Cell, cells, ideal
 from hil_sim.suite.subjects import Subject, recommended
 
 SPEEDS_KM_H, QUICK_SHARES = (80.0, 100.0, 120.0), (0.75,)
@@ -84,7 +84,7 @@ class StepSteer:
         self._speed, self._friction = cell.speed_km_h * KM_H, self.config.road.friction
         step = self.config.plant.sampling_time_s
         self.per_sample = round(self.config.controller.sampling_time_s / step)
-        first, last = round(STEER_TIME / step), round((STEER_TIME + AFTER_S) / step)
+        first, last = round(CELL_STEER_TIME / step), round((CELL_STEER_TIME + AFTER_S) / step)
         self._wheel = cell.scenario(self.config).inputs(self.config)[first:last, 1]
         self.samples = len(self._wheel) // self.per_sample
         _, front_angle, _ = self.replay(np.zeros(len(self._wheel)))
@@ -263,7 +263,7 @@ def compare(subject: Subject, cell: Cell) -> Comparison:
     software = subject.around(ideal(subject.config))
     step = StepSteer(software, cell)
     record = subject.loop(software).run(cell.scenario(software.config).inputs(software.config))
-    begin = round(STEER_TIME / software.config.controller.sampling_time_s)
+    begin = round(CELL_STEER_TIME / software.config.controller.sampling_time_s)
     return Comparison(step, column(record, "yaw_rate_rad_s")[begin : begin + step.samples], step.optimum())
 
 

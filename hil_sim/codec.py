@@ -180,7 +180,7 @@ class Codec:
         return None if role is None or len(data) != self._frame_bytes else self._layouts[role].decode(data)
 
 
-DIAGNOSTICS: Mapping[int, tuple[str, str]] = {cause.bit: (cause.name, cause.words) for cause in can_view.DIAGNOSTICS}
+DIAGNOSTICS: Mapping[int, tuple[str, str]] = {cause.bit: (cause.name, cause.words) for cause in can_view.DIAGNOSTIC_CAUSES}
 """Bit: name as in the generated C, and a few words."""
 
 

@@ -11,9 +11,9 @@ from collections import deque
 from functools import lru_cache
 
 from codegen.configuration.can import FRAME_BYTES, E2e
-from codegen.configuration.e2e_profiles import DEFAULT, Crc, DataId, Profile
+from codegen.configuration.e2e_profiles import DEFAULT_PROFILE, Crc, DataId, Profile
 
-LARGEST_COUNTER = DEFAULT.counter_max
+LARGEST_COUNTER = DEFAULT_PROFILE.counter_max
 """15 is skipped in profile 1 (PRS_E2E_00075)."""
 
 
@@ -52,7 +52,7 @@ def _data_id_bytes(profile: Profile, data_id: DataId, counter: int) -> tuple[int
     return {"both": (low, high), "alternating": ((low, high)[counter & 1],), "nibble": (low, 0)}[profile.data_id_mode]
 
 
-def crc(data_id: DataId, data: bytes, profile: Profile = DEFAULT) -> int:
+def crc(data_id: DataId, data: bytes, profile: Profile = DEFAULT_PROFILE) -> int:
     """Return the CRC of a frame, over the data id and all bytes of `data` except the first ones, which hold the CRC."""
     kind, table = profile.crc, _table(profile.crc)
     number, contents = _data_id_bytes(profile, data_id, received_counter(data, profile)), data[profile.crc_bytes :]
@@ -62,12 +62,12 @@ def crc(data_id: DataId, data: bytes, profile: Profile = DEFAULT) -> int:
     return result ^ kind.final_xor
 
 
-def received_counter(data: bytes, profile: Profile = DEFAULT) -> int:
+def received_counter(data: bytes, profile: Profile = DEFAULT_PROFILE) -> int:
     """Return the counter of a frame."""
     return data[profile.counter_byte] & ((1 << profile.counter_length) - 1)
 
 
-def protect(data_id: DataId, counter: int, data: bytes, profile: Profile = DEFAULT) -> bytes:
+def protect(data_id: DataId, counter: int, data: bytes, profile: Profile = DEFAULT_PROFILE) -> bytes:
     """Return `data` with CRC, counter (PRS_E2E_00195) and, in the variants C, the nibble of the data id.
 
     Other bits are unchanged.
@@ -90,7 +90,7 @@ def protect(data_id: DataId, counter: int, data: bytes, profile: Profile = DEFAU
     return bytes(body)
 
 
-def next_counter(counter: int, profile: Profile = DEFAULT) -> int:
+def next_counter(counter: int, profile: Profile = DEFAULT_PROFILE) -> int:
     """Return the counter of the next frame; 0 follows the largest one."""
     return (counter + 1) % profile.counter_count
 

@@ -281,7 +281,7 @@ class Mf4Writer:
         return Signal(samples, records["time"].copy(), name=name, source=source, attachment=attachment)
 
 
-FORMATS: dict[str, type[Writer]] = {".blf": BlfWriter, ".asc": AscWriter, ".log": CandumpWriter, ".mf4": Mf4Writer}
+LOG_WRITERS: dict[str, type[Writer]] = {".blf": BlfWriter, ".asc": AscWriter, ".log": CandumpWriter, ".mf4": Mf4Writer}
 
 
 def _message(frame: Frame, received: bool, rounding: float = 0.0) -> can.Message:
@@ -330,10 +330,10 @@ class BusLog:
         Raises:
             CodegenError: another extension, or asammdf is missing and the log an MF4.
         """
-        form = FORMATS.get(path.suffix.lower())
+        form = LOG_WRITERS.get(path.suffix.lower())
         if form is None:
             raise CodegenError(
-                "no format for a log of the bus", where=path, remedy=f"end its name in one of {', '.join(FORMATS)}"
+                "no format for a log of the bus", where=path, remedy=f"end its name in one of {', '.join(LOG_WRITERS)}"
             )
         if form is Mf4Writer and importlib.util.find_spec("asammdf") is None:
             raise missing("asammdf", "writes MF4", path)

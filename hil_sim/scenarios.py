@@ -23,7 +23,7 @@ from hil_sim.faults import Fault
 from hil_sim.manoeuvres import Manoeuvre, PathOf, PreviewDriver, RoadPath
 from hil_sim.settings import Settings
 
-DEFAULT = "step-steer"
+DEFAULT_SCENARIO = "step-steer"
 
 MAX_STEPS = 10_000_000
 """Plant steps of one run: 2.8 hours at 1 ms, and half a gigabyte of inputs."""
@@ -169,7 +169,7 @@ SCENARIOS: Mapping[str, Scenario] = {
     scenario.name: scenario
     for scenario in (
         Scenario(
-            name=DEFAULT,
+            name=DEFAULT_SCENARIO,
             subject="Step steer",
             what="a step at the steering wheel, as in the paper",
             source="Ryu, Hwang, Yoon, Choi, section Validation Setup; ISO 7401:2011, clause 10 (step input)",

@@ -31,7 +31,7 @@ from codegen.export.arxml.export import export
 from codegen.export.calibration.build import BuildCalibration
 from codegen.export.calibration.images import Image
 from codegen.export.calibration.layout import layout_of_a2l
-from codegen.export.calibration.sets import READERS, merged
+from codegen.export.calibration.sets import CALIBRATION_READERS, merged
 from codegen.export.elf import Elf
 from codegen.identify.names import load_names
 from codegen.identify.reading import read_drives
@@ -162,7 +162,7 @@ def loaders() -> Mapping[str, Loader]:
     }
     for kind, weight, reader in (("csv", 1.0, ""), ("parquet", 0.02, PARQUET), ("mf4", 0.02, MF4)):
         found[f"run, {kind}"] = Loader(f"run.{kind}", _written(f"run.{kind}", _run), _report_input, weight, reader)
-    for kind, module in READERS.items():
+    for kind, module in CALIBRATION_READERS.items():
         own = _calibration()
         found[f"calibration, {kind}"] = Loader(f"set{kind}", module.write(own.values, own.layout, "test"), _calibrated, 0.5)
     a2l = addressed((BUILD / "ars.a2l").read_bytes())

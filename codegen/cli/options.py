@@ -16,7 +16,7 @@ import click
 from codegen.cli.base import json_option
 from codegen.errors import CodegenError
 from codegen.files import read_text
-from codegen.library.quantities import MEMORY, YAW_RATE, Kind
+from codegen.library.quantities import MEMORY_KIND, YAW_RATE_KIND, Kind
 from codegen.logs.formats import ENDINGS
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ OF_EVERY_CASE = ("fws", "4ws-1", "4ws-2")
 """Cases of all presets. They are repeated here, as the scenarios are, because reading the presets would delay completion."""
 FOR_COMPARISON = ("zero-sideslip", "variable-wheelbase", "envelope")
 """Cases that every configuration has, `configuration.REFERENCE_CASES`, repeated for the same reason."""
-SCENARIOS = (
+SCENARIO_NAMES = (
     "step-steer",
     "ramp-steer",
     "sine-with-dwell",
@@ -88,7 +88,7 @@ class FileType(click.Path):
 
 def scenario_names(context: click.Context, parameter: click.Parameter, incomplete: str) -> Items:
     """Return the built-in scenarios and files that may contain one."""
-    named = [_item(name) for name in SCENARIOS if name.startswith(incomplete)]
+    named = [_item(name) for name in SCENARIO_NAMES if name.startswith(incomplete)]
     return named + FileType(SCENARIO_ENDINGS).shell_complete(context, parameter, incomplete)
 
 
@@ -196,7 +196,7 @@ class QuantityType(click.ParamType[str]):
             self.fail(f"{error.what}; {error.remedy}", param, ctx)
 
 
-yaw_rate_error, memory_size = QuantityType(YAW_RATE), QuantityType(MEMORY)
+yaw_rate_error, memory_size = QuantityType(YAW_RATE_KIND), QuantityType(MEMORY_KIND)
 any_file = FileType()
 map_file, map_to_write = FileType((".npz",)), FileType((".npz",), to_write=True)
 configuration_file = FileType((".toml",))

@@ -157,7 +157,7 @@ def explore(map: Path, config: Path | None, folder: Path | None, port: int, no_b
 
 def _target(folder: Path | None, config_path: Path | None) -> Target:
     from codegen.configuration import CONFIG_BYTES_MAX
-    from codegen.explore.server import FILE
+    from codegen.explore.server import CONFIGURATION_FILE
     from codegen.explore.toml_file import Target, preset_bases
 
     place = folder or Path()
@@ -167,7 +167,7 @@ def _target(folder: Path | None, config_path: Path | None) -> Target:
     if config_path is not None and config_path.is_file():
         with contextlib.suppress(CodegenError):  # loading the configuration later reports the error
             own = (read_text(config_path, CONFIG_BYTES_MAX, ""),)
-    return Target(resolved(place) / FILE, (*own, *preset_bases()))
+    return Target(resolved(place) / CONFIGURATION_FILE, (*own, *preset_bases()))
 
 
 def _serve(server: ExploreServer, *, browser: bool) -> None:

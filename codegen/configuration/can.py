@@ -16,7 +16,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from codegen.configuration.e2e_profiles import (
     DATA_ID_COUNT,
-    DEFAULT,
+    DEFAULT_PROFILE,
     PROFILES,
     DataId,
     DataIdMode,
@@ -339,7 +339,7 @@ class E2e(Section):
     """
 
     profile: Annotated[ProfileName, Meaning("AUTOSAR E2E profile and variant: `1A`, `1B`, `1C`, `2`, `5`, `11A` or `11C`")] = (
-        Field(default=DEFAULT.name, exclude_if=lambda name: name == DEFAULT.name)
+        Field(default=DEFAULT_PROFILE.name, exclude_if=lambda name: name == DEFAULT_PROFILE.name)
     )
     max_delta_counter: Annotated[
         Annotated[int, Field(ge=1, le=14)],

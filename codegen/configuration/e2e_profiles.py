@@ -199,7 +199,7 @@ PROFILES: dict[ProfileName, Profile] = {
 }
 """All profiles by the value of the key `profile`."""
 
-DEFAULT = PROFILES["1A"]
+DEFAULT_PROFILE = PROFILES["1A"]
 
 
 @functools.lru_cache

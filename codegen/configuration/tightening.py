@@ -8,7 +8,7 @@ from pydantic import Field
 
 from codegen.configuration.section import Meaning, Range, Section
 
-SHARE_MIN, SHARE_MAX = 0.5, 0.999
+CARS_SHARE_MIN, CARS_SHARE_MAX = 0.5, 0.999
 """Range of the share of the cars for which a map can be solved; more needs tens of thousands of cars."""
 
 FRACTION_MIN = 0.02
@@ -32,8 +32,8 @@ class Tightening(Section):
     envelope_rear_slip_max: Annotated[
         Fraction, Meaning("for a case with `envelope`: fraction of its bound on the slip with straight rear wheels")
     ] = 1.0
-    share: Annotated[Annotated[float, Range(SHARE_MIN, SHARE_MAX)] | None, Meaning("requested share of the cars")] = Field(
-        default=None
+    share: Annotated[Annotated[float, Range(CARS_SHARE_MIN, CARS_SHARE_MAX)] | None, Meaning("requested share of the cars")] = (
+        Field(default=None)
     )
     cars: Annotated[int, Range(0, 1_000_000), Meaning("number of cars that were drawn from `[identified]`")] = 0
     lost: Annotated[int, Range(0, 1_000_000), Meaning("number of them that exceed a limit")] = 0

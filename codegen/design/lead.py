@@ -70,9 +70,9 @@ that follow late leave the beginning of a step to the front wheels."""
 OVERSHOOT_PRICE_S = 0.005
 """Cost of one percent of overshoot, in s of t90, for the car of the family with the most overshoot."""
 
-SHARES = (0.25, 0.5, 0.75, 1.0)
+LEAD_ANGLE_SHARES = (0.25, 0.5, 0.75, 1.0)
 """Fractions of the largest feasible front angle."""
-LARGER_FROM = SHARES.index(0.5)
+LARGER_FROM = LEAD_ANGLE_SHARES.index(0.5)
 """First fraction at which a car must keep its limits if it cannot keep them at every angle. At small angles, where an
 understeering car overshoots most, the same percentage is a smaller yaw rate."""
 SPEED_MIN_KM_H = 25.0
@@ -297,7 +297,7 @@ class _Search:
         between = 0.5 * (np.array(speeds[1:]) + np.array(speeds[:-1]))
         driven = np.array([*speeds, *between]) * KM_H
         edge = turns_of(config, config.case(reference_map.case)).edge(driven, float(angles[-1])).front_angle
-        angle = np.outer(np.minimum(edge, angles[-1]), SHARES)
+        angle = np.outer(np.minimum(edge, angles[-1]), LEAD_ANGLE_SHARES)
         family, limits = family_of(config)
         lags = family[:, PLANT_PARAMETERS.index("rear_lag")]
         other_lag = lags != lags[0]
@@ -305,7 +305,7 @@ class _Search:
         speed = [*np.tile(driven[:count], len(family)), *driven[count:]]
         lanes = Lanes(
             np.concatenate([np.repeat(family, angle[:count].size, axis=0), np.repeat(family[:1], angle[count:].size, axis=0)]),
-            speed_factor=np.repeat(speed, len(SHARES)),
+            speed_factor=np.repeat(speed, len(LEAD_ANGLE_SHARES)),
             wheel_factor=np.array([*np.tile(angle[:count].ravel(), len(family)), *angle[count:].ravel()])
             * config.steering.ratio,
             delay_samples=config.designed_delay_samples,
@@ -335,7 +335,9 @@ class _Search:
     def drive(self, pairs: FloatArray, cells: BoolArray) -> FloatArray:
         """Return figures with a pair (speeds, 2) at each speed, infinite except in the cells (cars, speeds) that are true."""
         count, cars = len(self.speeds), len(self.limits)
-        driven = np.full((len(self.lanes.cars) // len(SHARES), len(SHARES)), cells[0].any())  # with those half way, behind
+        driven = np.full(
+            (len(self.lanes.cars) // len(LEAD_ANGLE_SHARES), len(LEAD_ANGLE_SHARES)), cells[0].any()
+        )  # with those half way, behind
         driven[: cells.size] = cells.reshape(-1, 1)
         if not driven.any():
             return np.full((len(FIGURES), cars, count), np.inf)

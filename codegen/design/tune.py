@@ -45,7 +45,7 @@ SPEED_SHARES = (2.0 / 3.0, 0.75, 5.0 / 6.0, 11.0 / 12.0, 1.0)
 ANGLE_SHARES = (0.5, 0.75, 1.0)
 """Fractions of the largest feasible front angle."""
 
-STEER_TIME, STEER_DURATION, LOSS_TIME, DRIVER_TIME, DURATION = 0.3, 0.3, 2.0, 2.2, 6.0
+STEER_START, STEER_DURATION, LOSS_TIME, DRIVER_TIME, DRIVE_END = 0.3, 0.3, 2.0, 2.2, 6.0
 """Times in s: the driver steers in, all inputs are lost, the driver acts, the drive ends."""
 
 
@@ -69,7 +69,7 @@ def counter_steer(seconds: FloatArray) -> FloatArray:
     return np.where(seconds < 0.9, np.maximum(-0.6, 1.0 - 1.6 * seconds / 0.4), np.minimum(0.0, -0.6 + 2.0 * (seconds - 0.9)))
 
 
-DRIVERS: tuple[Driver, ...] = (keep, straighten, straighten_slowly, counter_steer)
+FAIL_SAFE_DRIVERS: tuple[Driver, ...] = (keep, straighten, straighten_slowly, counter_steer)
 
 
 @dataclass(frozen=True)
@@ -142,14 +142,14 @@ def _spins(
     drives: _Drives, rates: Sequence[float], progress: Callable[[int, int], None] | None
 ) -> list[tuple[float, BoolArray, float]]:
     """Return for each rate the spins (drivers, runs) that the loss causes, and the largest sideslip angle in deg."""
-    jobs: list[tuple[float | None, Driver]] = [(rate, driver) for rate in (None, *rates) for driver in DRIVERS]
+    jobs: list[tuple[float | None, Driver]] = [(rate, driver) for rate in (None, *rates) for driver in FAIL_SAFE_DRIVERS]
     found = []
     with ThreadPoolExecutor(os.cpu_count()) as pool:  # the C runs without the interpreter's lock
         for done, result in enumerate(pool.map(lambda job: drives.drive(*job), jobs), start=1):
             found.append(result)
             if progress is not None:
                 progress(done, len(jobs))
-    spins, sideslip = (np.array(values).reshape(-1, len(DRIVERS), drives.runs) for values in zip(*found, strict=True))
+    spins, sideslip = (np.array(values).reshape(-1, len(FAIL_SAFE_DRIVERS), drives.runs) for values in zip(*found, strict=True))
     return [(rate, spins[k] & ~spins[0], float(sideslip[k].max())) for k, rate in enumerate(rates, start=1)]
 
 
@@ -210,7 +210,7 @@ class _Drives:
             (runs,) whether each spins, and (runs,) its largest sideslip angle after the loss, in deg.
         """
         period = self.config.controller.sampling_time_s
-        lost_from, samples = round(LOSS_TIME / period), round(DURATION / period)
+        lost_from, samples = round(LOSS_TIME / period), round(DRIVE_END / period)
         parameters, lanes = tuned_parameters(self.software, self.config), self.lanes
         if rate_deg_s is not None:
             parameters.fail_safe_rate = math.radians(rate_deg_s)
@@ -223,9 +223,9 @@ class _Drives:
 
     def _profile(self, driver: Driver) -> FloatArray:
         """Return the inputs (steps, 7), INPUT_COLUMNS, of a front angle of 1 rad / steering ratio at 1 m/s."""
-        profile = unit_step(self.software.config, STEER_TIME, DURATION)
+        profile = unit_step(self.software.config, STEER_START, DRIVE_END)
         time: FloatArray = np.arange(profile.shape[0], dtype=np.float64) * self.software.config.plant.sampling_time_s
-        share = np.clip((time - STEER_TIME) / STEER_DURATION, 0.0, 1.0)
+        share = np.clip((time - STEER_START) / STEER_DURATION, 0.0, 1.0)
         share[time >= DRIVER_TIME] = driver(time[time >= DRIVER_TIME] - DRIVER_TIME)
         profile[:, INPUT_COLUMNS.index("steering_wheel_command")] = share
         return profile

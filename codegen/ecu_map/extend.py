@@ -36,7 +36,7 @@ from codegen.ecu_map.total import RULE_TEXT, CapSteering, Rule, TotalMap
 from codegen.errors import MapError
 from codegen.map_file.longitudinal import axle_shares
 from codegen.map_file.map import ReferenceMap
-from codegen.map_file.tables import ACCELERATION
+from codegen.map_file.tables import ACCELERATION_STACK
 from codegen.optimum.solve import from_walking_speed, layer_configs
 from codegen.optimum.turns import Edge, SteadyTurns, turns_behind
 from codegen.vehicle.single_track import SingleTrack
@@ -99,7 +99,7 @@ def _extended(reference_map: ReferenceMap, config: Config, front_angle_stop: flo
 def _layers(reference_map: ReferenceMap, config: Config, stop: float) -> Iterator[TotalMap]:
     for layer, car in zip(reference_map.layers, layer_configs(reference_map, config), strict=True):
         total = _extended(layer.map, car, stop)
-        if layer.quantity is ACCELERATION:
+        if layer.quantity is ACCELERATION_STACK:
             total = replace(total, acceleration=layer.value, axle_shares=axle_shares(config, layer.value))
         yield total
 

@@ -31,7 +31,7 @@ import numpy.typing as npt
 from codegen.arrays import FloatArray
 from codegen.ecu_map.storage import Axis
 from codegen.ecu_map.total import CapSteering, TotalMap
-from codegen.map_file.tables import ACCELERATION
+from codegen.map_file.tables import ACCELERATION_STACK
 
 Real = type[np.float32] | type[np.float64]
 
@@ -194,7 +194,7 @@ class Lookup:
     @classmethod
     def from_map(cls, total: TotalMap, real: Real = np.float32) -> Lookup:
         """Return the lookup of a total map."""
-        stack, moving = total.stack, total.quantity is ACCELERATION
+        stack, moving = total.stack, total.quantity is ACCELERATION_STACK
         lowest, roads = total if moving else stack[0], (total,) if moving else stack
         speeds = stack if moving else (total,)
         return cls(
@@ -387,9 +387,9 @@ def _stack_bound(total: TotalMap, unit: float) -> float:
     for lower, upper in pairwise(stack):
         rise = float(np.abs(upper.yaw_rate - lower.yaw_rate).max())
         largest, step = upper.friction, upper.friction - lower.friction
-        if total.quantity is ACCELERATION:
+        if total.quantity is ACCELERATION_STACK:
             largest, step = max(map(abs, (lower.acceleration, upper.acceleration))), upper.acceleration - lower.acceleration
-        bound = max(bound, (9.0 if total.quantity is ACCELERATION else 6.0) * unit * largest * rise / step)
+        bound = max(bound, (9.0 if total.quantity is ACCELERATION_STACK else 6.0) * unit * largest * rise / step)
     return bound + (16.0 * unit * float(total.yaw_rate.max()) if len(stack) > 1 else 0.0)
 
 

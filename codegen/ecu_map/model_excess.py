@@ -19,7 +19,7 @@ from codegen.ecu_map.lookup import Lookup
 from codegen.ecu_map.storage import Real
 from codegen.ecu_map.total import TotalMap
 from codegen.map_file.map import ReferenceMap
-from codegen.map_file.tables import ACCELERATION
+from codegen.map_file.tables import ACCELERATION_STACK
 from codegen.optimum.solve import layer_configs
 from codegen.optimum.turns import turns_of
 from codegen.units import KM_H
@@ -77,7 +77,7 @@ def model_excess(reference_map: ReferenceMap, total: TotalMap, config: Config, r
         MapError: a steady turn is not found.
     """
     lookup, cars = Lookup.from_map(total, real), layer_configs(reference_map, config)
-    if reference_map.quantity is ACCELERATION:
+    if reference_map.quantity is ACCELERATION_STACK:
         layers = [(car, config, layer.value) for car, layer in zip(cars, reference_map.layers, strict=True)]
     else:
         layers = [(car, car, 0.0) for car in cars]

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.ecu_map.storage import Scales
-from codegen.map_file.tables import ACCELERATION, FRICTION, Stack
+from codegen.map_file.tables import ACCELERATION_STACK, FRICTION_STACK, Stack
 from codegen.vehicle.single_track import SingleTrack
 
 
@@ -130,7 +130,7 @@ class TotalMap:
         """Quantity of the stack; None without layers."""
         if not self.layers:
             return None
-        return ACCELERATION if any(layer.acceleration for layer in self.layers) else FRICTION
+        return ACCELERATION_STACK if any(layer.acceleration for layer in self.layers) else FRICTION_STACK
 
     @classmethod
     def of_stack(cls, maps: Iterable[TotalMap]) -> TotalMap:

@@ -28,8 +28,7 @@ from codegen.emit.checksum_view import ChecksumView, checksum_view
 from codegen.emit.constants import constants_of
 from codegen.emit.contracts.files import contract_files
 from codegen.emit.controller_view import ControllerView, known_values
-from codegen.emit.deviations import FILE as DEVIATIONS
-from codegen.emit.deviations import deviations
+from codegen.emit.deviations import DEVIATIONS_FILE, deviations
 from codegen.emit.dynamics_view import DynamicsView, ReferenceModelView
 from codegen.emit.evidence import Evidence, grip_facts, margins_text, placement_facts, placement_text, request_facts
 from codegen.emit.folder import Folder
@@ -39,15 +38,14 @@ from codegen.emit.limiter_view import LimiterView, cut_text
 from codegen.emit.map_view import MapView
 from codegen.emit.render import render, verbatim
 from codegen.emit.symbols import symbols_of
-from codegen.emit.take_over import FILE as SBOM
-from codegen.emit.take_over import sbom, take_over_files
+from codegen.emit.take_over import SBOM_FILE, sbom, take_over_files
 from codegen.emit.text import Precision, c_type, check_prefix, comment_text, literal, numpy_type
 from codegen.emit.xcp_view import xcp_view
 from codegen.errors import BuildError
 from codegen.map_file import judged
 from codegen.map_file import map as npz
 from codegen.map_file.map import ReferenceMap
-from codegen.map_file.tables import ACCELERATION
+from codegen.map_file.tables import ACCELERATION_STACK
 from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
 
@@ -77,7 +75,16 @@ MAP_ARCHIVE, ARCHIVE_COLUMNS = "map_archive", 120
 """Entry of the manifest with the file of the map, and the characters of each row."""
 BLANK_ID = "\0" * 8
 """Stands for the id while the files are rendered that it is a hash of. No other text has this character."""
-NUMBERS = {"zero": 0.0, "quarter": 0.25, "half": 0.5, "one": 1.0, "two": 2.0, "three": 3.0, "five": 5.0, "minus_one": -1.0}
+NAMED_NUMBERS = {
+    "zero": 0.0,
+    "quarter": 0.25,
+    "half": 0.5,
+    "one": 1.0,
+    "two": 2.0,
+    "three": 3.0,
+    "five": 5.0,
+    "minus_one": -1.0,
+}
 """Literals that every template may print."""
 EXAMPLE_DURATION = 5.0
 EXAMPLE_SPEED = 42.5 * KM_H
@@ -198,8 +205,8 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         **contract_files(context),
         "README.md": render("README.md.j2", context),
     }
-    files[DEVIATIONS] = render("deviations.md.j2", {**context, "deviations": deviations(files)})
-    files[SBOM] = sbom(files, code.facts)
+    files[DEVIATIONS_FILE] = render("deviations.md.j2", {**context, "deviations": deviations(files)})
+    files[SBOM_FILE] = sbom(files, code.facts)
     manifest = {
         **code.facts,
         **evidence.to_dict(),
@@ -269,7 +276,7 @@ def with_signals(reference_map: ReferenceMap, config: Config) -> Config:
     Raises:
         ConfigError: the default place of the signal is taken.
     """
-    can = config.can.with_signal(ACCELERATION.key) if reference_map.quantity is ACCELERATION else config.can
+    can = config.can.with_signal(ACCELERATION_STACK.key) if reference_map.quantity is ACCELERATION_STACK else config.can
     if can is config.can:
         return config
     return config.replace({"can": can}, "a stack over longitudinal acceleration needs its signal")
@@ -317,7 +324,7 @@ def _code(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         "precision": options.precision,
         "example": _example(reference_map, config),
         "real": real,
-        **{name: literal(value, options.precision) for name, value in NUMBERS.items()},
+        **{name: literal(value, options.precision) for name, value in NAMED_NUMBERS.items()},
     }
     context["checksum"] = checksum_view(config, options.precision, table, context["model"])
     context["a2l"] = a2l_view(
@@ -446,7 +453,7 @@ def _readme_facts(parts: _Parts, evidence: Evidence) -> dict[str, Any]:
 
 def _stack_facts(total: TotalMap) -> dict[str, Any]:
     """Return the values of the layers, rising."""
-    if total.quantity is not ACCELERATION:
+    if total.quantity is not ACCELERATION_STACK:
         return {"frictions": [layer.friction for layer in total.stack]}
     return {
         "frictions": [total.friction],

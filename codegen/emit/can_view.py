@@ -74,7 +74,7 @@ _DEBOUNCED = ("SPEED_REPLACED", "FRONT_ANGLE_REPLACED", "YAW_RATE_REPLACED", "TA
 
 
 _SIDES = (("MOTION", "VehicleMotion"), ("CONDITIONS", "VehicleConditions"))
-DIAGNOSTICS = causes("eight")
+DIAGNOSTIC_CAUSES = causes("eight")
 """Bits of `Diagnostics` in Classical CAN. The three bits of each received message are adjacent and in the same order."""
 
 

@@ -86,7 +86,7 @@ def units(files: Mapping[str, bytes]) -> tuple[Unit, ...]:
     return tuple(Unit(path, files[path].decode("ascii", "replace")) for path in paths)
 
 
-FILE = "deviations.md"
+DEVIATIONS_FILE = "deviations.md"
 
 CHECKER = "checker"
 """Category of a finding that a checker reports by its own rules, not by those of MISRA."""

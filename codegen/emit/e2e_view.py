@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from codegen.configuration.e2e_profiles import DEFAULT, Profile
+from codegen.configuration.e2e_profiles import DEFAULT_PROFILE, Profile
 from codegen.emit.text import lines_of
 
 EXAMPLE_ID = 0x0123
@@ -151,7 +151,7 @@ class E2eView:
             f"{self.counter_place}{nibble}, and signals in the rest."
         )
         data_id = "the data id, low byte first," if profile.data_id_mode == "both" and profile.has_data_id_first else ""
-        section = ", section 6.3" if profile.category == DEFAULT.category else ""
+        section = ", section 6.3" if profile.category == DEFAULT_PROFILE.category else ""
         covered = f"covers {self.covered(data_id)}. Specification: AUTOSAR FO R20-11, PRS_E2EProtocol{section}"
         functions = f"(E2E_P{number}Protect and E2E_P{number}Check), with {self.settings}."
         first = (f"{layout} The CRC",) if len(layout) < 125 else (layout, "The CRC")

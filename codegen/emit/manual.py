@@ -16,11 +16,11 @@ from codegen import configuration
 from codegen.configuration import Config
 from codegen.configuration.budgets import KEY_OF_FUNCTION
 from codegen.ecu_map.total import Rule
-from codegen.emit.can_view import DIAGNOSTICS
+from codegen.emit.can_view import DIAGNOSTIC_CAUSES
 from codegen.emit.controller_view import REFERENCE_OVERSHOOT
 from codegen.emit.laws import LAWS
 from codegen.emit.render import render
-from codegen.emit.requirements import HEADER, ON_THE_CAR
+from codegen.emit.requirements import ON_THE_CAR, REQUIREMENT_HEADER
 from codegen.emit.supervision import CAUSES, EXCEPTIONS, STATES, causes_of_bit, reaction_of, status_text
 from codegen.errors import one_line
 from codegen.units import KM_H
@@ -108,7 +108,7 @@ def manual(record: Figures, manifest: Figures, titles: Mapping[str, str]) -> str
         "build": record["build"],
         "manifest": manifest,
         "checks": [_check(name, titles.get(name, name), found) for name, found in record["checks"].items()],
-        "requirements": Table(HEADER, tuple(tuple(row.values()) for row in record["requirements"])),
+        "requirements": Table(REQUIREMENT_HEADER, tuple(tuple(row.values()) for row in record["requirements"])),
         "supervision": _supervision(),
         "on_the_car": Table(("id", "requirement on the other nodes"), ON_THE_CAR),
         "counts": {verdict.replace(" ", "_"): count for verdict, count in record["counts"].items()},
@@ -124,7 +124,7 @@ def manual(record: Figures, manifest: Figures, titles: Mapping[str, str]) -> str
 
 
 def _check(name: str, title: str, found: Figures) -> CheckView:
-    formatted = (_tolerant(formatter, found["figures"]) for formatter in TABLES.get(name, ()))
+    formatted = (_tolerant(formatter, found["figures"]) for formatter in FIGURE_TABLES.get(name, ()))
     return CheckView(
         name=name,
         title=title,
@@ -146,7 +146,7 @@ def _supervision() -> dict[str, Table]:
     )
     exceptions = tuple((state.name, cause.name, leads_to.name) for (state, cause), leads_to in EXCEPTIONS.items())
     states = tuple((state.name, row.text, status_text(state), row.reaction.value) for state, row in STATES.items())
-    bits = tuple((each.name, ", ".join(cause.name for cause in causes_of_bit(each.name))) for each in DIAGNOSTICS)
+    bits = tuple((each.name, ", ".join(cause.name for cause in causes_of_bit(each.name))) for each in DIAGNOSTIC_CAUSES)
     return {
         "causes": Table(("cause, the most urgent first", "meaning", "next state", "status", "reaction"), causes),
         "exceptions": Table(("state", "cause", "next state"), exceptions),
@@ -306,7 +306,7 @@ def _fuzzed(figures: Figures) -> Table:
     return Table(("fuzz harness", "inputs", "seeds", "inputs kept for new coverage", "edges reached"), tuple(rows))
 
 
-TABLES: Mapping[str, Sequence[Callable[[Figures], Table]]] = {
+FIGURE_TABLES: Mapping[str, Sequence[Callable[[Figures], Table]]] = {
     "compiles": (_compilations,),
     "static-analysis": (_pairs(("found by", "findings"), "findings"), _pairs(("rule", "deviations"), "deviations")),
     "processor-in-the-loop": (_streams, _pairs(("random steps that ended in", "steps"), "statuses"), _dynamics),

@@ -17,7 +17,7 @@ from codegen.ecu_map.storage import Axis, raw_of
 from codegen.emit.laws import Law, law_of
 from codegen.emit.text import Precision, c_type, shortest
 from codegen.errors import MapError
-from codegen.map_file.tables import ACCELERATION, FRICTION, PLAUSIBLE, Stack
+from codegen.map_file.tables import ACCELERATION_STACK, FRICTION_STACK, PLAUSIBLE, Stack
 from codegen.units import M_S, M_S2, NONE, RAD, RAD_S, Unit
 
 MAGNITUDE = "front_angle_magnitude"
@@ -337,17 +337,17 @@ class MapView:
     @property
     def layer_values(self) -> tuple[float, ...]:
         """Friction or acceleration of each layer."""
-        moving = self.total.quantity is ACCELERATION
+        moving = self.total.quantity is ACCELERATION_STACK
         return tuple(layer.acceleration if moving else layer.friction for layer in self.total.stack)
 
     def layer_texts(self, of: str = "") -> tuple[str, ...]:
         """Return the quantity and value of each layer, in words."""
-        return tuple((self.total.quantity or FRICTION).text(value, of) for value in self.layer_values)
+        return tuple((self.total.quantity or FRICTION_STACK).text(value, of) for value in self.layer_values)
 
     @property
     def layer_names(self) -> tuple[str, ...]:
         """Name of each layer."""
-        key = (self.total.quantity or FRICTION).key
+        key = (self.total.quantity or FRICTION_STACK).key
         return tuple(f"{key}_{value:g}".replace("-", "minus_") for value in self.layer_values)
 
     @property
@@ -378,7 +378,7 @@ class MapView:
     @property
     def takes_acceleration(self) -> bool:
         """Whether the build has the signal of the longitudinal acceleration."""
-        return ACCELERATION.key in self.config.can.vehicle_conditions.signals()
+        return ACCELERATION_STACK.key in self.config.can.vehicle_conditions.signals()
 
     @property
     def with_axle_shares(self) -> bool:
@@ -388,17 +388,17 @@ class MapView:
     @property
     def more_parameter(self) -> str:
         """Parameter of a C function after the friction."""
-        return f", {c_type(self.precision)} {ACCELERATION.key}" if self.takes_acceleration else ""
+        return f", {c_type(self.precision)} {ACCELERATION_STACK.key}" if self.takes_acceleration else ""
 
     @property
     def more_argument(self) -> str:
         """Argument for it, where the lookup uses it."""
-        return f", {ACCELERATION.key}" if self.moving else ""
+        return f", {ACCELERATION_STACK.key}" if self.moving else ""
 
     @property
     def more_of_sample(self) -> str:
         """Argument for it from a sample."""
-        return f", sample->{ACCELERATION.key}" if self.takes_acceleration else ""
+        return f", sample->{ACCELERATION_STACK.key}" if self.takes_acceleration else ""
 
     @property
     def rear_angle_max_text(self) -> str:

@@ -15,7 +15,7 @@ from typing import Any
 
 from codegen.emit.supervision import CAUSES, reaction_of, status_text
 
-HEADER = ("id", "requirement", "engines", "harnesses", "tests", "result")
+REQUIREMENT_HEADER = ("id", "requirement", "engines", "harnesses", "tests", "result")
 NOT_RUN, SHOWN = "not run", "shown"
 RESULTS = ("failed", "open", NOT_RUN, SHOWN)
 """Results of a requirement, the worst first."""
@@ -342,7 +342,7 @@ ON_THE_CAR = (
 
 
 def entries(checks: Mapping[str, Mapping[str, Any]], prefix: str) -> list[dict[str, str]]:
-    """Return a row by `HEADER` for each requirement.
+    """Return a row by `REQUIREMENT_HEADER` for each requirement.
 
     Args:
         checks: the checks of `verify.json` by name; of each, `verdict` and `figures` are used.
@@ -362,14 +362,14 @@ def entries(checks: Mapping[str, Mapping[str, Any]], prefix: str) -> list[dict[s
         proved = [f"prove_{name}" for name in names] or ["all"] * ("contracts" in each.checks)
         worst = next((result for result in RESULTS if result in results), SHOWN)
         row = (each.id, each.text, ", ".join(engines), ", ".join(proved), ", ".join(each.tests), worst)
-        found.append(dict(zip(HEADER, row, strict=True)))
+        found.append(dict(zip(REQUIREMENT_HEADER, row, strict=True)))
     return found
 
 
 def table(rows: Sequence[Mapping[str, str]]) -> bytes:
     """Return the rows as CSV with a header."""
     text = io.StringIO()
-    writer = csv.DictWriter(text, HEADER, lineterminator="\n")
+    writer = csv.DictWriter(text, REQUIREMENT_HEADER, lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
     return text.getvalue().encode("ascii")

@@ -58,7 +58,7 @@ def take_over_files(context: Mapping[str, Any]) -> dict[str, bytes]:
     }
 
 
-FILE = "sbom.cdx.json"
+SBOM_FILE = "sbom.cdx.json"
 LICENCES = [{"license": {"id": "0BSD"}}]
 
 
@@ -121,8 +121,8 @@ def sbom(files: Mapping[str, bytes], facts: Mapping[str, Any]) -> bytes:
 def with_tools(folder: Folder, tools: Mapping[str, str]) -> Folder:
     """Return a build with other tool versions in its manifest and its bill of materials."""
     facts = {**folder.manifest, "tools": dict(tools)}
-    files = {path: data for path, data in folder.files.items() if path != FILE}
-    return Folder({**files, FILE: sbom(files, facts)}, facts)
+    files = {path: data for path, data in folder.files.items() if path != SBOM_FILE}
+    return Folder({**files, SBOM_FILE: sbom(files, facts)}, facts)
 
 
 def _hashes(sha256: str) -> list[dict[str, str]]:

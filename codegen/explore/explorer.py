@@ -28,11 +28,11 @@ from codegen.figures.data import packed
 from codegen.figures.maps import binding_colours, phase_lines
 from codegen.judgement.build_warnings import family_warnings
 from codegen.judgement.car_warnings import car_warnings
-from codegen.judgement.model import MISSING, Stored, of_map
+from codegen.judgement.model import MISSING_RECORD, Stored, of_map
 from codegen.map_file import map as npz
 from codegen.map_file.bounds import binding_text
 from codegen.map_file.map import ReferenceMap
-from codegen.map_file.tables import ACCELERATION, ALL_BINDING, FRICTION
+from codegen.map_file.tables import ACCELERATION_STACK, ALL_BINDING, FRICTION_STACK
 from codegen.optimum.solve import solve_case
 from codegen.units import KM_H
 from hil_sim import manoeuvres
@@ -225,7 +225,7 @@ class Explorer:
     case: str
     name: str
     notes: tuple[str, ...] = ()
-    judgement: Stored = MISSING
+    judgement: Stored = MISSING_RECORD
     controls: tuple[Control, ...] = field(init=False)
     _software: Recalibrated = field(init=False)
     _begun: Calibration = field(init=False)
@@ -387,9 +387,9 @@ def opened(map_path: Path, config_path: Path | None = None) -> Explorer:
     if config is None:
         raise MapError("it contains no configuration", where=map_path, remedy="name one with --config ars.toml")
     notes = []
-    if reference_map.quantity is FRICTION:
+    if reference_map.quantity is FRICTION_STACK:
         notes.append("the maps for lower frictions are not used: settings are solved for their own friction")
-    if reference_map.quantity is ACCELERATION:
+    if reference_map.quantity is ACCELERATION_STACK:
         notes.append("the maps for longitudinal accelerations are not used")
     if config.case(case).reference != "optimum":
         notes.append("the case follows a law for the rear angle, on which the sideslip weight has no effect")

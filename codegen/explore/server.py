@@ -26,10 +26,10 @@ from codegen.explore.controls import GROUP_TITLES, ExploreError
 from codegen.explore.explorer import Explorer
 from codegen.explore.toml_file import Existing, Target
 from codegen.figures.data import CONTROLLER_COLOURS, INK, scale_of
-from codegen.figures.maps import QUANTITIES
+from codegen.figures.maps import MAP_QUANTITIES
 from codegen.report.html.page import plotly_javascript
 
-FILE = "ars.toml"
+CONFIGURATION_FILE = "ars.toml"
 CONTROL_FIELDS = ("key", "label", "unit", "low", "high", "step", "bounds", "value", "logarithmic")
 """Fields of a control that the script of the page needs."""
 
@@ -90,8 +90,8 @@ def page(explorer: Explorer, key: str, page_number: int) -> Asset:
     data = {
         "key": key,
         "page": page_number,
-        "file": FILE,
-        "scales": {quantity.attribute: scale_of(quantity.colours) for quantity in QUANTITIES},
+        "file": CONFIGURATION_FILE,
+        "scales": {quantity.attribute: scale_of(quantity.colours) for quantity in MAP_QUANTITIES},
         "controls": [{name: getattr(control, name) for name in CONTROL_FIELDS} for control in explorer.controls],
     }
     context = {
@@ -99,7 +99,7 @@ def page(explorer: Explorer, key: str, page_number: int) -> Asset:
         "case": explorer.case,
         "kind": explorer.start.controller.kind,
         "title": law_of(explorer.start).title,
-        "file": FILE,
+        "file": CONFIGURATION_FILE,
         "groups": [group for group in groups if group["controls"]],
         "adjustable": any(each.group == "controller" for each in explorer.controls),
         "notes": explorer.notes,

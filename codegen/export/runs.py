@@ -51,7 +51,7 @@ class Column:
         return unit_of_name(self.name).symbol
 
 
-COLUMNS = (
+EXPORT_COLUMNS = (
     Column("time_s", "Time since the start of the run"),
     Column("speed_m_s", "Speed along the car's axis, negative in reverse"),
     Column("front_angle_rad", "Steer angle of the front road wheels, positive to the left"),
@@ -76,9 +76,9 @@ def check_formats(paths: Iterable[Path]) -> None:
         CodegenError: with the path, and what to name or install instead.
     """
     for path in paths:
-        form = FORMATS.get(path.suffix.lower())
+        form = RUN_FORMATS.get(path.suffix.lower())
         if form is None:
-            known = ", ".join(FORMATS)
+            known = ", ".join(RUN_FORMATS)
             raise CodegenError("no format for a run", where=path, remedy=f"end its name in {known}; a picture is drawn by plot")
         if form.package is not None and importlib.util.find_spec(form.package) is None:
             raise missing(form.package, f"writes {path.suffix}", path)
@@ -96,7 +96,7 @@ def save(record: FloatArray, path: Path, scenario: str = "") -> None:
         CodegenError: no such format, a package is missing, or it cannot be written.
     """
     check_formats((path,))
-    write_atomically(path, FORMATS[path.suffix.lower()].content(record, scenario))
+    write_atomically(path, RUN_FORMATS[path.suffix.lower()].content(record, scenario))
 
 
 def to_mf4(record: FloatArray, scenario: str = "") -> bytes:
@@ -107,7 +107,7 @@ def to_mf4(record: FloatArray, scenario: str = "") -> bytes:
     content = io.BytesIO()
     with MDF(version="4.10") as mdf:
         mdf.start_time = datetime.fromtimestamp(EPOCH, UTC)
-        time, *others = COLUMNS
+        time, *others = EXPORT_COLUMNS
         signals = [
             Signal(
                 _values(record, column.name),
@@ -141,12 +141,12 @@ def to_parquet(record: FloatArray, scenario: str = "") -> bytes:
     from pyarrow import parquet
 
     columns: dict[str, dict[str, object]] = {
-        column.name: {"unit": column.unit, "description": column.meaning} for column in COLUMNS
+        column.name: {"unit": column.unit, "description": column.meaning} for column in EXPORT_COLUMNS
     }
     columns["status"]["values"] = {str(status.value): status.name for status in Status}
     metadata = {"columns": json.dumps(columns), "made_by": f"ars-codegen {__version__}"}
     metadata |= {"scenario": scenario} if scenario else {}
-    table = pa.table({column.name: _values(record, column.name) for column in COLUMNS}, metadata=metadata)
+    table = pa.table({column.name: _values(record, column.name) for column in EXPORT_COLUMNS}, metadata=metadata)
     content = io.BytesIO()
     parquet.write_table(table, content, compression="snappy")
     return content.getvalue()
@@ -157,7 +157,7 @@ def to_mat(record: FloatArray) -> bytes:
     from scipy.io import savemat
 
     content = io.BytesIO()
-    columns = {column.name: _values(record, column.name) for column in COLUMNS}
+    columns = {column.name: _values(record, column.name) for column in EXPORT_COLUMNS}
     savemat(content, columns, do_compression=True, oned_as="column")
     # The header is 116 bytes of text, which readers require to begin like this. SciPy writes the time of day into it.
     header = f"MATLAB 5.0 MAT-file, made by ars-codegen {__version__}".ljust(MAT_HEADER_BYTES).encode()
@@ -172,7 +172,7 @@ class Format:
     package: str | None = None
 
 
-FORMATS = {
+RUN_FORMATS = {
     ".mf4": Format(to_mf4, "asammdf"),
     ".parquet": Format(to_parquet, "pyarrow"),
     ".mat": Format(lambda record, _: to_mat(record)),

@@ -10,7 +10,7 @@ import numpy as np
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Config, Limits
-from codegen.figures.data import BLUE, INK, PURPLE, SKY, SPEED, Chart, Picture, axis, layout, line, points, span, text
+from codegen.figures.data import BLUE, INK, PURPLE, SKY, SPEED_TITLE, Chart, Picture, axis, layout, line, points, span, text
 from codegen.figures.maps import CASE_LOOKS, OTHER_LOOKS, paper_mark, tyre_note
 from codegen.figures.paper_tables import PAPER_TABLE, TABLE_SPEED_KM_H
 from codegen.optimum.turns import turns_of
@@ -128,7 +128,7 @@ def front_angle_chart(config: Config, front_angle_deg: float, paper: bool, own: 
                 data.append(paper_mark(name, row, here, colour, y))
                 data += [paper_mark(name, 0, here, INK, "y", is_entry=True)] if row == 0 and name == "fws" else []
     look = layout(
-        xaxis=axis(SPEED, anchor="y2"),
+        xaxis=axis(SPEED_TITLE, anchor="y2"),
         yaxis=axis("Yaw rate (deg/s)", domain=[0.54, 1.0], rangemode="tozero"),
         yaxis2=axis("Sideslip β (deg)", domain=[0.0, 0.46]),
         hovermode="closest",

@@ -24,13 +24,13 @@ INK, MUTED, GRID, GROUND, EMPTY = "@ink", "@muted", "@grid", "@ground", "@empty"
 # M. Okabe, K. Ito, Color Universal Design (2008): distinguishable with all common kinds of colour vision.
 BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
 BLACK, WHITE = "#000000", "#FFFFFF"
-COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
+SERIES_COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 """Colours of lines without a meaning of their own."""
 CONTROLLER_COLOURS = {"tracking": BLUE, "pi": VERMILION, "feedforward": GREEN, "proportional": PURPLE, "passive": INK}
 """Colour of each kind of controller, in all charts."""
 SYMBOLS = ("circle", "square", "triangle-up", "diamond", "triangle-down", "cross", "star")
 
-SPEED, FRONT_ANGLE = "Speed v<sub>x</sub> (km/h)", "Front angle δ<sub>f</sub> (deg)"
+SPEED_TITLE, FRONT_ANGLE_TITLE = "Speed v<sub>x</sub> (km/h)", "Front angle δ<sub>f</sub> (deg)"
 AFTER_STEP = "Time after the step (s)"
 FREQUENCY_TICKS = {"type": "log", "tickvals": (0.2, 0.5, 1.0, 2.0, 3.0), "ticktext": ("0.2", "0.5", "1", "2", "3")}
 """Settings of a frequency axis in Hz."""

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-COLOURS = {INK: "#000000", MUTED: "#777777", GRID: "#DDDDDD", GROUND: "#FFFFFF", EMPTY: "#E2E2E2"}
+THEME_COLOURS = {INK: "#000000", MUTED: "#777777", GRID: "#DDDDDD", GROUND: "#FFFFFF", EMPTY: "#E2E2E2"}
 HATCH = {"hatch": "////", "hatchcolor": "#A6A6A6"}
 """Look of an empty ground, in addition to its colour."""
 DASHES: Mapping[str, Any] = {"solid": "-", "dash": (0, (4, 2)), "dot": (0, (1, 1.5)), "dashdot": "-."}
@@ -54,7 +54,7 @@ _STYLE: dict[str, Any] = {
     "axes.linewidth": 0.7,
     "axes.axisbelow": True,
     "axes.grid": False,
-    "grid.color": COLOURS[GRID],
+    "grid.color": THEME_COLOURS[GRID],
     "grid.linewidth": 0.6,
     "hatch.linewidth": 0.6,
     "legend.fontsize": 9.0,
@@ -160,7 +160,7 @@ def words(text: str) -> str:
 
 def colour(name: str) -> Any:
     """Return a colour of a chart for Matplotlib."""
-    return COLOURS.get(name, name)
+    return THEME_COLOURS.get(name, name)
 
 
 def _title(axis: Mapping[str, Any]) -> str:
@@ -212,7 +212,7 @@ def _prepare(axes: Axes, layout: Mapping[str, Any], y_axis: Mapping[str, Any], i
     axes.set_xlabel(_title(x_axis) if is_last else "")
     axes.tick_params(labelbottom=is_last)
     if layout.get("plot_bgcolor") == EMPTY:
-        axes.patch.set(facecolor=COLOURS[EMPTY], **HATCH)
+        axes.patch.set(facecolor=THEME_COLOURS[EMPTY], **HATCH)
 
 
 def _finish(axes: Axes, layout: Mapping[str, Any], y_axis: Mapping[str, Any], data: Sequence[Mapping[str, Any]]) -> None:
@@ -305,7 +305,7 @@ def _draw_bars(axes: Axes, trace: Mapping[str, Any]) -> None:
     else:
         drawn = axes.bar(x, y, size, color=tone, zorder=3, label=label)
     if "text" in trace:
-        ground = {"facecolor": COLOURS[GROUND], "edgecolor": "none", "pad": 0.6}  # a line of a limit may pass there
+        ground = {"facecolor": THEME_COLOURS[GROUND], "edgecolor": "none", "pad": 0.6}  # a line of a limit may pass there
         axes.bar_label(drawn, list(trace["text"]), padding=2.0, fontsize=8.0, bbox=ground)
         axes.margins(y=0.12)
 
@@ -395,7 +395,7 @@ def _handles(charts: Iterable[Chart]) -> dict[str, Any]:
             continue
         marker = trace.get("marker", {})
         if trace["type"] == "bar" or (marker.get("symbol") == "square" and marker.get("size") == 12):
-            hatch = HATCH if marker["color"] == EMPTY else {"edgecolor": COLOURS[MUTED], "linewidth": 0.5}
+            hatch = HATCH if marker["color"] == EMPTY else {"edgecolor": THEME_COLOURS[MUTED], "linewidth": 0.5}
             found[name] = Patch(facecolor=colour(marker["color"]), **hatch)
         else:
             found[name] = Line2D([], [], **_look(trace))

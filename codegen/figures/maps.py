@@ -16,14 +16,14 @@ from codegen.figures.data import (
     BLACK,
     BLUE,
     EMPTY,
-    FRONT_ANGLE,
+    FRONT_ANGLE_TITLE,
     GREEN,
     INK,
     MUTED,
     ORANGE,
     PURPLE,
     SKY,
-    SPEED,
+    SPEED_TITLE,
     VERMILION,
     WHITE,
     Chart,
@@ -131,7 +131,7 @@ YAW_RATE = Quantity("yaw_rate", "Yaw rate r", "deg/s", "viridis", False)
 ACCELERATION = Quantity("lateral_acceleration", "Lateral acceleration a<sub>y</sub>", "m/s²", "viridis", False)
 SIDESLIP = Quantity("sideslip", "Sideslip β", "deg", "PuOr_r", True)
 REAR_STEER = Quantity("rear_angle", "Rear angle δ<sub>r</sub>", "deg", "RdBu_r", True)
-QUANTITIES = (YAW_RATE, ACCELERATION, SIDESLIP, REAR_STEER)
+MAP_QUANTITIES = (YAW_RATE, ACCELERATION, SIDESLIP, REAR_STEER)
 """Tables of a map in pictures and in the report."""
 
 
@@ -178,7 +178,7 @@ def phase_lines(reference_map: ReferenceMap) -> list[FloatArray]:
 
 def heat_map_charts(one: NamedMap) -> list[Chart]:
     """Return charts of the tables and binding constraints as far as available, with the line of phase conversion."""
-    tables = ((quantity, quantity.displayed(one.map)) for quantity in QUANTITIES)
+    tables = ((quantity, quantity.displayed(one.map)) for quantity in MAP_QUANTITIES)
     charts = [_heat_map(one, quantity, quantity.limits([one.map])) for quantity, table in tables if table is not None]
     if one.map.active is not None:
         charts.append(_binding(one, one.map.active))
@@ -255,8 +255,8 @@ def colour_bar(unit: str) -> dict[str, Any]:
 def map_layout(one: NamedMap, legend: bool = True) -> dict[str, Any]:
     """Return the layout of a chart over speed and front angle. Its background shows infeasible cells."""
     return layout(
-        xaxis=axis(SPEED, range=cell_range(one.speed_km_h), showgrid=False, zeroline=False),
-        yaxis=axis(FRONT_ANGLE, range=cell_range(one.front_angle_deg), showgrid=False, zeroline=False),
+        xaxis=axis(SPEED_TITLE, range=cell_range(one.speed_km_h), showgrid=False, zeroline=False),
+        yaxis=axis(FRONT_ANGLE_TITLE, range=cell_range(one.front_angle_deg), showgrid=False, zeroline=False),
         plot_bgcolor=EMPTY,
         showlegend=legend,
     )
@@ -338,7 +338,7 @@ def three_maps_picture(maps: Mapping[str, ReferenceMap]) -> Picture:
     """Return cases (name -> map) as rows, with the tables as columns on shared scales. Raises PlotError: no maps."""
     if not maps:
         raise PlotError("no maps to show", remedy="give at least one")
-    scales = {quantity: quantity.limits(maps.values()) for quantity in QUANTITIES}
+    scales = {quantity: quantity.limits(maps.values()) for quantity in MAP_QUANTITIES}
     rows = []
     for name, one in maps.items():
         charts = [_heat_map(NamedMap(name, one), quantity, limits) for quantity, limits in scales.items()]
@@ -409,7 +409,7 @@ def front_angle_cut_picture(maps: Mapping[str, ReferenceMap], front_angle: float
         marks.append(paper_mark("fws", 0, 0.0, INK, "y", is_entry=True))
     look = layout(
         **stacked((YAW_RATE.label, SIDESLIP.label), gap=0.06),
-        xaxis=axis(SPEED, anchor="y2"),
+        xaxis=axis(SPEED_TITLE, anchor="y2"),
         shapes=[level(0.0, "y2", INK, "solid", 0.8), *([upright(TABLE_SPEED_KM_H)] if marks else [])],
     )
     look["yaxis"]["rangemode"] = "tozero"

@@ -34,7 +34,7 @@ CASES = {"fws": "FWS", "4ws-1": "4WS-1", "4ws-2": "4WS-2"}
 TABLE_SPEEDS_KM_H = (TABLE_SPEED_KM_H, 43.35)
 """The speed that the paper's table names, and the one at which its three rows come out together."""
 
-RUNS = {"C1": "4ws-2", "C2": "fws"}
+CASE_OF_RUN = {"C1": "4ws-2", "C2": "fws"}
 """Name of a run in the paper -> case of its map."""
 
 Table = tuple[tuple[str, ...], list[tuple[str, ...]]]
@@ -98,7 +98,7 @@ def run_table(runs: Mapping[str, Mapping[str, Any]]) -> Table:
     header = ("", "steady, here", "peak, here", "paper's maximum", "least |sideslip|, here", "paper's")
     rows: list[tuple[str, ...]] = [
         (
-            f"{name} ({CASES[RUNS[name]]} map)",
+            f"{name} ({CASES[CASE_OF_RUN[name]]} map)",
             f"{metrics['yaw_rate_steady_deg_s']:.2f} deg/s",
             f"{metrics['yaw_rate_peak_deg_s']:.2f}",
             f"{PAPER_RUNS[name][0]:.2f}",

@@ -13,11 +13,11 @@ import numpy as np
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.figures.data import (
-    COLOURS,
     CONTROLLER_COLOURS,
     INK,
     MUTED,
     ORANGE,
+    SERIES_COLOURS,
     SYMBOLS,
     VERMILION,
     WHITE,
@@ -199,7 +199,7 @@ def looks_of(runs: Mapping[str, FloatArray]) -> dict[str, dict[str, Any]]:
     """Return colour, width and dash of the line of each run. Raises PlotError: see `check_runs`."""
     check_runs(runs)
     named = {name: RUN_COLOURS.get("passive" if is_passive(name) else name) for name in runs}
-    spare = itertools.cycle([each for each in COLOURS if each not in named.values()] or COLOURS)
+    spare = itertools.cycle([each for each in SERIES_COLOURS if each not in named.values()] or SERIES_COLOURS)
     return {
         name: {
             "colour": colour or next(spare),

@@ -25,7 +25,7 @@ from codegen.figures.data import (
     ORANGE,
     PURPLE,
     SKY,
-    SPEED,
+    SPEED_TITLE,
     SYMBOLS,
     VERMILION,
     WHITE,
@@ -42,10 +42,10 @@ from codegen.figures.data import (
     symlog,
     upright,
 )
-from codegen.figures.maps import QUANTITIES, at_front_angle, category_trace
+from codegen.figures.maps import MAP_QUANTITIES, at_front_angle, category_trace
 from codegen.figures.runs import MOTION_PANELS, PANELS, SPIN_NAME, Panel, column, until_spin
 from codegen.units import KM_H
-from hil_sim.suite.cells import NOMINAL, STEER_TIME
+from hil_sim.suite.cells import CELL_STEER_TIME, NOMINAL
 from hil_sim.suite.references import ReferencesResult
 from hil_sim.suite.requirements import sideslip_limit
 from hil_sim.suite.runs import CellResult
@@ -54,7 +54,7 @@ from hil_sim.suite.tracking import CellRuns, SuiteResult
 MORE_COLOURS = (ORANGE, BLUE, GREEN, PURPLE, VERMILION, MUTED)
 ROW_SHARE, ROW_FACE = 0.9, "#F2F2F2"
 """Fraction of the row height that its marks take; background of every other row."""
-LEVELS = (0.0, 1.0, 3.0, 10.0, 30.0, 100.0)
+SHADE_LEVELS = (0.0, 1.0, 3.0, 10.0, 30.0, 100.0)
 """Bounds of the colours, in % of overshoot."""
 LEVEL_COLOURS = ("#F7FBFF", "#D6E6F4", "#ABD0E6", "#F9D1B0", "#F0935A", "#B8401A")
 SPIN_FACE = "#333333"
@@ -135,7 +135,7 @@ def _step_panel(result: SuiteResult, shown: CellRuns, signal: Panel, title: str 
     for subject in reversed(result.subjects):
         whole = shown.records[subject]
         run = _around_step(until_spin(whole))
-        time, values = column(run, "time_s") - STEER_TIME, column(run, signal.column)
+        time, values = column(run, "time_s") - CELL_STEER_TIME, column(run, signal.column)
         data.append(line(time, values, subject, **looks[subject], **_hidden()))
         if len(until_spin(whole)) < len(whole) and time[-1] < AFTER - 0.02:
             look = {"marker": {"line": {"color": WHITE, "width": 1}}, **_hidden()}
@@ -143,14 +143,14 @@ def _step_panel(result: SuiteResult, shown: CellRuns, signal: Panel, title: str 
     if signal is MOTION_PANELS[0]:
         inside = _around_step(shown.records[result.tested])
         reference = column(inside, "yaw_rate_reference_rad_s")
-        data.append(line(column(inside, "time_s") - STEER_TIME, reference, "", SKY, dash="dash", width=1.5, **_hidden()))
+        data.append(line(column(inside, "time_s") - CELL_STEER_TIME, reference, "", SKY, dash="dash", width=1.5, **_hidden()))
         shapes.append(level(math.degrees(shown.map_yaw_rate), colour=MUTED, dash="dash", width=1.5))
     data += spins + ([points([np.nan], [np.nan], SPIN_NAME, MUTED, "x", 12)] if spins else [])
     return panel(data, axis(AFTER_STEP, range=[-BEFORE, AFTER]), axis(signal.label), title=title, shapes=shapes)
 
 
 def _around_step(run: FloatArray) -> FloatArray:
-    time = run[:, 0] - STEER_TIME
+    time = run[:, 0] - CELL_STEER_TIME
     inside = run[(time >= -BEFORE - 1e-9) & (time <= AFTER + 1e-9)]
     return inside if len(inside) >= 2 else run[:2]
 
@@ -203,7 +203,7 @@ def _margin_panel(
     data += [entry(name, colour, dash, 1.2) for _, colour, dash, name in levels]
     y = axis(label, rangemode="tozero") if warning is not None else axis(label, range=[1.0, SENSITIVITY_TOP])
     shapes = [level(value, colour=colour, dash=dash) for value, colour, dash, _ in levels]
-    return panel(data, axis(SPEED), y, title=title, shapes=shapes)
+    return panel(data, axis(SPEED_TITLE), y, title=title, shapes=shapes)
 
 
 # --- cells and conditions ---------------------------------------------------------------------------------------------
@@ -215,7 +215,7 @@ def cells_picture(result: SuiteResult) -> Picture:
     wanted = [condition for condition in result.conditions if condition.name in names] or list(result.conditions[:1])
     rows = [
         [
-            _cells_panel(result.results[name][each.name], f"{each.title}<br>{SPEED}", plain(name) * (k == 0))
+            _cells_panel(result.results[name][each.name], f"{each.title}<br>{SPEED_TITLE}", plain(name) * (k == 0))
             for name in result.subjects
         ]
         for k, each in enumerate(wanted)
@@ -232,12 +232,12 @@ def _cells_panel(results: Sequence[CellResult], label: str, title: str) -> Chart
     for one in results:
         place = shares.index(one.cell.share), speeds.index(one.cell.speed_km_h)
         value = math.nan if one.overshoot_percent is None else one.overshoot_percent
-        codes[place] = len(LEVELS) if one.spun else max(int(np.searchsorted(LEVELS, value, side="right")) - 1, 0)
+        codes[place] = len(SHADE_LEVELS) if one.spun else max(int(np.searchsorted(SHADE_LEVELS, value, side="right")) - 1, 0)
         is_known[place] = one.spun or not math.isnan(value)
-        is_dark = one.spun or value >= LEVELS[-1]
+        is_dark = one.spun or value >= SHADE_LEVELS[-1]
         words = "spin" if one.spun else f"{value:.1f}" if value < 9.95 else f"{value:.0f}"
         said.append((*place, words, WHITE if is_dark else INK))
-    bounds = [f"{each:g}" for each in LEVELS]
+    bounds = [f"{each:g}" for each in SHADE_LEVELS]
     names = [*(f"{low} to {high} %" for low, high in pairwise(bounds)), f"above {bounds[-1]} %", "the car spins"]
     colours = (*LEVEL_COLOURS, SPIN_FACE)
     at = (np.arange(len(shares), dtype=np.float64), np.arange(len(speeds), dtype=np.float64))
@@ -380,7 +380,7 @@ def price_picture(result: SuiteResult) -> Picture:
         data.append(line([row.speed_km_h for row in rows], [row.mean_s for row in rows], name, **looks[name], **_hidden()))
     speeds = list(dict.fromkeys(cell.speed_km_h for cell in result.cells))
     y = axis("Rise time to 90 %, mean over the cells (s)", rangemode="tozero")
-    charts = [panel(data, axis(SPEED, tickvals=speeds), y)]
+    charts = [panel(data, axis(SPEED_TITLE, tickvals=speeds), y)]
     if fastest is not None:
         charts += [_sine_panel(result, fastest, "gain_of_map", "gain over the map's", 1.0)]
         charts += [_sine_panel(result, fastest, "phase_deg", "phase (deg)", 0.0)]
@@ -426,17 +426,17 @@ def references_picture(result: ReferencesResult) -> Picture:
     grid = next(iter(result.maps.values())).front_angle
     cut = float(np.clip(CUT_FRONT_ANGLE, grid[0], grid[-1]))
     above, below = [], []
-    for k, quantity in enumerate(QUANTITIES):
+    for k, quantity in enumerate(MAP_QUANTITIES):
         data = _names(result.suite)
         for name, one in reversed(list(result.maps.items())):
             table = quantity.displayed(one)
             if table is not None:
                 data.append(line(one.speed / KM_H, at_front_angle(one, table, cut), name, **looks[name], **_hidden()))
         title = f"The maps at δ<sub>f</sub> = {math.degrees(cut):.3g} deg" if k == 0 else ""
-        above.append(panel(data, axis(SPEED), axis(quantity.label), title=title))
+        above.append(panel(data, axis(SPEED_TITLE), axis(quantity.label), title=title))
     for k, (label, figure_of) in enumerate(STEP_FIGURES):
         title = "Step steers without a spin" if k == 0 else ""
-        below.append(panel(_step_lines(result, figure_of), axis(SPEED), axis(label, rangemode="tozero"), title=title))
+        below.append(panel(_step_lines(result, figure_of), axis(SPEED_TITLE), axis(label, rangemode="tozero"), title=title))
     return Picture([above, below], (14.0, 7.2), "References under the same controller")
 
 

@@ -120,7 +120,7 @@ MANOEUVRES = (
 )
 """The library. Manoeuvres with `rear` need a rear angle command."""
 
-LEVELS = (1.0, 0.5)
+AMPLITUDE_LEVELS = (1.0, 0.5)
 """Amplitudes, as fractions of the largest one within the limits."""
 SPEED_COUNT, SPEED_FIRST_KM_H, SPEED_ROUND_KM_H = 4, 30.0, 5.0
 """Number of speeds, evenly spaced up to the largest of the grid; least of them where the grid reaches it; and their rounding.
@@ -254,7 +254,7 @@ def _whole(problem: Problem, samples: DriveSamples, values: dict[str, float]) ->
 
 
 def library(
-    config: Config, lateral_acceleration_max: float, *, has_rear_command: bool, levels: Sequence[float] = LEVELS
+    config: Config, lateral_acceleration_max: float, *, has_rear_command: bool, levels: Sequence[float] = AMPLITUDE_LEVELS
 ) -> list[Candidate]:
     """Return the drives of the library that keep the limits.
 

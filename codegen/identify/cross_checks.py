@@ -16,7 +16,7 @@ from codegen.arrays import BoolArray, FloatArray
 from codegen.identify.conditioning import PLATEAU_SAMPLES, Conditioned, clipped
 from codegen.identify.drive import Drive
 from codegen.identify.findings import CONTRADICTION, FROZEN, OFFSET, SATURATED, SIGN, Finding
-from codegen.identify.quantities import QUANTITIES
+from codegen.identify.quantities import LOG_QUANTITIES
 
 TINY = float(np.finfo(np.float64).tiny)
 FROZEN_S = 1.0
@@ -217,7 +217,7 @@ def _offset(drive: Drive, key: str, where: BoolArray, name: str, reading: tuple[
     values = values[np.isfinite(values)]
     if not values.size:
         return
-    offset, quantity = float(np.median(values)), QUANTITIES[key]
+    offset, quantity = float(np.median(values)), LOG_QUANTITIES[key]
     if abs(offset) < quantity.offset_noted:
         return
     unit, sign, subtracted = reading

@@ -12,12 +12,12 @@ import numpy as np
 from codegen.arrays import BoolArray, FloatArray
 from codegen.configuration import Config
 from codegen.errors import CodegenError
-from codegen.identify.candidates import LEVELS, Candidate, library
-from codegen.identify.identifiability import SHARE_MAX, Direction, analyse
+from codegen.identify.candidates import AMPLITUDE_LEVELS, Candidate, library
+from codegen.identify.identifiability import DETERMINED_SHARE_MAX, Direction, analyse
 from codegen.identify.information import Information, information_of
 from codegen.identify.model import OUTPUTS
 from codegen.identify.names import Names
-from codegen.identify.parameters import CURVES, PARAMETERS, Parameter, Prior, configured
+from codegen.identify.parameters import CURVE_PARAMETERS, PARAMETERS, Parameter, Prior, configured
 from codegen.units import KM_H
 
 _EXCHANGES_MAX = 100
@@ -30,7 +30,7 @@ BENCH_SIGNALS = ("vx", "yaw_rate", "lateral_acceleration", "delta_f", "delta_r",
 HIGHER_LIMITS = 4
 """Number of lateral accelerations, evenly spaced up to the grip, that are tried for what the programme does not determine."""
 
-NEEDED_SHARE = 0.7 * SHARE_MAX
+NEEDED_SHARE = 0.7 * DETERMINED_SHARE_MAX
 """Largest standard deviation, as a fraction of that before, with a drive that is named as needed: the identification estimates
 it with some scatter."""
 
@@ -106,7 +106,7 @@ def shares_of(information: FloatArray) -> FloatArray:
 
 def decisive(names: Sequence[str]) -> list[int]:
     """Return the place (k,) of the quantity that decides whether each is determined: D for a tyre curve, else itself."""
-    leaders = {name: curve[0] for curve in CURVES for name in curve}
+    leaders = {name: curve[0] for curve in CURVE_PARAMETERS for name in curve}
     return [names.index(leaders.get(name, name)) for name in names]
 
 
@@ -131,7 +131,7 @@ def of_interest(parameters: Sequence[Parameter]) -> BoolArray:
 
 
 def candidates_of(
-    config: Config, lateral_acceleration_max: float, signals: Sequence[str], levels: Sequence[float] = LEVELS
+    config: Config, lateral_acceleration_max: float, signals: Sequence[str], levels: Sequence[float] = AMPLITUDE_LEVELS
 ) -> tuple[list[Candidate], Information]:
     """Return the drives from which a programme is chosen, and their information; see `plan_drives`."""
     has_rear_command = bool({"delta_r", "delta_r_command"} & set(signals))
@@ -182,7 +182,7 @@ def _predicted(
     names, values = [parameter.name for parameter in parameters], configured(config)
     shares = shares_of(total)
     slopes = Prior.of(tuple(names), values).slope(np.array([values[name] for name in names]))
-    is_determined = shares[decisive(names)] <= SHARE_MAX
+    is_determined = shares[decisive(names)] <= DETERMINED_SHARE_MAX
     known = {
         name: (float(share), float(share * slope), bool(determined))
         for name, share, slope, determined in zip(names, shares, slopes, is_determined, strict=True)
@@ -212,7 +212,7 @@ def _needs(
     """Return what each quantity needs that a programme of the information `total` (k, k) does not determine: more time, or the
     drive that determines it when added to the programme, at the lowest of some higher lateral accelerations."""
     names, deciding = information.names, decisive(information.names)
-    missing = [k for k in range(len(names)) if shares_of(total)[deciding[k]] > SHARE_MAX]
+    missing = [k for k in range(len(names)) if shares_of(total)[deciding[k]] > DETERMINED_SHARE_MAX]
     found: dict[str, str] = {}
     with_all = shares_of(total + information.each.sum(axis=0))
     found |= {names[k]: "more time" for k in missing if with_all[deciding[k]] <= NEEDED_SHARE}
@@ -221,7 +221,7 @@ def _needs(
         open_ = [k for k in missing if names[k] not in found]
         if not open_ or limit <= lateral_acceleration_max:
             break
-        candidates, more = candidates_of(config, limit, signals, levels=LEVELS[:1])
+        candidates, more = candidates_of(config, limit, signals, levels=AMPLITUDE_LEVELS[:1])
         shares = shares_of(total + more.each)
         for k in open_:
             best = int(np.argmin(shares[:, deciding[k]]))

@@ -17,7 +17,7 @@ FROZEN = "frozen"
 OFFSET = "offset"
 SIGN = "sign or unit"
 CONTRADICTION = "contradiction"
-UNUSED = "not used"
+NOT_USED = "not used"
 REMARK = "remark"
 
 

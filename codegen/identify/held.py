@@ -15,7 +15,7 @@ from codegen.arrays import BoolArray
 from codegen.configuration import Config
 from codegen.identify.estimate import Fit, curvature
 from codegen.identify.identifiability import Identifiability
-from codegen.identify.parameters import BY_NAME, CURVES
+from codegen.identify.parameters import BY_NAME, CURVE_PARAMETERS
 from codegen.identify.reached import exceeds_reached, reached, tyres_of
 
 PEAK_SLIP_FACTOR_MAX = 2.0
@@ -33,7 +33,7 @@ def undetermined_curves(fitted: Fit, judged: Identifiability, config: Config) ->
     departure = config.limits.slip_departure_percent / 100.0
     held: list[str] = []
     driven = reached(fitted, config)
-    for axle, (curve, tyre) in enumerate(zip(CURVES, tyres_of(config, values), strict=True)):
+    for axle, (curve, tyre) in enumerate(zip(CURVE_PARAMETERS, tyres_of(config, values), strict=True)):
         peak, shape, curvature, sensitivity = curve
         free = {name for name in curve if fitted.free[names.index(name)]}
         others = {shape, sensitivity} & free

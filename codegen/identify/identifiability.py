@@ -13,7 +13,7 @@ import numpy as np
 from codegen.arrays import BoolArray, FloatArray
 from codegen.identify.parameters import Parameter
 
-SHARE_MAX = 0.3
+DETERMINED_SHARE_MAX = 0.3
 """Largest standard deviation of a determined quantity or direction, as a fraction of its spread before the drives."""
 WEAK_SHARE_MAX = 0.6
 """Largest standard deviation of a weakly determined quantity, as the same fraction."""
@@ -79,10 +79,10 @@ def analyse(
     chosen = np.flatnonzero(free & (shares <= NOTHING))
     size, vectors = np.linalg.eigh(covariance[np.ix_(chosen, chosen)])
     for value, vector in sorted(zip(size, vectors.T, strict=True), key=lambda pair: -pair[0]):
-        if value <= SHARE_MAX**2:
+        if value <= DETERMINED_SHARE_MAX**2:
             break
         order = [k for k in np.argsort(-np.abs(vector)) if abs(vector[k]) >= COMPONENT_MIN]
         components = {parameters[chosen[k]].title: float(vector[k]) for k in order}
         strength = float(vector @ scaled[np.ix_(chosen, chosen)] @ vector)
         directions.append(Direction(min(float(np.sqrt(value)), 1.0), float(np.sqrt(max(strength, 0.0))), components))
-    return Identifiability(shares, free & (shares <= SHARE_MAX), tuple(directions))
+    return Identifiability(shares, free & (shares <= DETERMINED_SHARE_MAX), tuple(directions))

@@ -25,7 +25,7 @@ from codegen.configuration import parse_toml
 from codegen.configuration.section import Meaning, Range, Section, first_fault
 from codegen.errors import ConfigError
 from codegen.files import read_text
-from codegen.identify.quantities import QUANTITIES
+from codegen.identify.quantities import LOG_QUANTITIES
 from codegen.importing.quantities import unit_of
 
 NAMES_BYTES_MAX = 2**20
@@ -97,31 +97,31 @@ class Names(Section):
     without: Annotated[
         tuple[str, ...], Field(strict=False), Meaning("quantities that are not read, although a log has them")
     ] = ()
-    vx: Annotated[SignalChoice | None, Meaning(QUANTITIES["vx"].meaning)] = None
-    yaw_rate: Annotated[SignalChoice | None, Meaning(QUANTITIES["yaw_rate"].meaning)] = None
-    lateral_acceleration: Annotated[SignalChoice | None, Meaning(QUANTITIES["lateral_acceleration"].meaning)] = None
-    steering_wheel_angle: Annotated[SignalChoice | None, Meaning(QUANTITIES["steering_wheel_angle"].meaning)] = None
-    delta_f: Annotated[SignalChoice | None, Meaning(QUANTITIES["delta_f"].meaning)] = None
-    delta_r: Annotated[SignalChoice | None, Meaning(QUANTITIES["delta_r"].meaning)] = None
-    delta_r_command: Annotated[SignalChoice | None, Meaning(QUANTITIES["delta_r_command"].meaning)] = None
-    sideslip: Annotated[SignalChoice | None, Meaning(QUANTITIES["sideslip"].meaning)] = None
+    vx: Annotated[SignalChoice | None, Meaning(LOG_QUANTITIES["vx"].meaning)] = None
+    yaw_rate: Annotated[SignalChoice | None, Meaning(LOG_QUANTITIES["yaw_rate"].meaning)] = None
+    lateral_acceleration: Annotated[SignalChoice | None, Meaning(LOG_QUANTITIES["lateral_acceleration"].meaning)] = None
+    steering_wheel_angle: Annotated[SignalChoice | None, Meaning(LOG_QUANTITIES["steering_wheel_angle"].meaning)] = None
+    delta_f: Annotated[SignalChoice | None, Meaning(LOG_QUANTITIES["delta_f"].meaning)] = None
+    delta_r: Annotated[SignalChoice | None, Meaning(LOG_QUANTITIES["delta_r"].meaning)] = None
+    delta_r_command: Annotated[SignalChoice | None, Meaning(LOG_QUANTITIES["delta_r_command"].meaning)] = None
+    sideslip: Annotated[SignalChoice | None, Meaning(LOG_QUANTITIES["sideslip"].meaning)] = None
 
     @property
     def choices(self) -> Mapping[str, SignalChoice]:
         """Quantity -> the signal that the user named."""
-        return {key: choice for key in QUANTITIES if (choice := getattr(self, key)) is not None}
+        return {key: choice for key in LOG_QUANTITIES if (choice := getattr(self, key)) is not None}
 
     @model_validator(mode="after")
     def _has_known_units(self) -> Self:
         for key, choice in self.choices.items():
-            if choice.unit is not None and unit_of(choice.unit) not in QUANTITIES[key].units:
-                fitting = ", ".join(QUANTITIES[key].units)
+            if choice.unit is not None and unit_of(choice.unit) not in LOG_QUANTITIES[key].units:
+                fitting = ", ".join(LOG_QUANTITIES[key].units)
                 raise ValueError(f"{choice.unit!r} is no unit for {key}; give one of {fitting}")
             if key in self.without:
                 raise ValueError(f"{key} is named, and left out by `without`; remove one")
-        unknown = next((key for key in self.without if key not in QUANTITIES), None)
+        unknown = next((key for key in self.without if key not in LOG_QUANTITIES), None)
         if unknown is not None:
-            raise ValueError(f"`without` has {unknown!r}, which is no quantity; give some of {', '.join(QUANTITIES)}")
+            raise ValueError(f"`without` has {unknown!r}, which is no quantity; give some of {', '.join(LOG_QUANTITIES)}")
         return self
 
 

@@ -15,7 +15,7 @@ from codegen.configuration import Config
 from codegen.identify.drive import Drive
 from codegen.identify.estimate import information_of_outputs
 from codegen.identify.model import AXLES, OUTPUTS
-from codegen.identify.parameters import BY_NAME, CURVES
+from codegen.identify.parameters import BY_NAME, CURVE_PARAMETERS
 from codegen.identify.reached import (
     PEAK_REACHED,
     AxleForce,
@@ -104,7 +104,7 @@ def _beyond_the_drives(found: Identification, limits: Reached) -> Iterator[str]:
     config = found.config
     tyres = tyres_of(config, found.values())
     for axle, curve, tyre, slip, friction, share in zip(
-        AXLES, CURVES, tyres, limits.slip, limits.friction, limits.share, strict=True
+        AXLES, CURVE_PARAMETERS, tyres, limits.slip, limits.friction, limits.share, strict=True
     ):
         driven = f"the {slip / DEGREE:.1f} deg of slip that were driven"
         peak = found.quantities[curve[0]]

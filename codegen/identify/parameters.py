@@ -218,12 +218,12 @@ PARAMETERS = (
 )
 """All quantities. Actuator rates and angles are in rad/s and rad inside."""
 
-CURVES = tuple(
+CURVE_PARAMETERS = tuple(
     tuple(f"{axle}_{name}" for name in ("peak", "shape", "curvature", "load_sensitivity")) for axle in ("front", "rear")
 )
 """Quantities that describe one curve: where the first is determined, all are taken, else none."""
 
-HANDLING = ("front_stiffness", "rear_stiffness", "yaw_inertia")
+HANDLING_PARAMETERS = ("front_stiffness", "rear_stiffness", "yaw_inertia")
 """Quantities whose ratios make the response of the car: where one is determined, weakly determined ones are taken with it."""
 
 BY_NAME = {parameter.name: parameter for parameter in PARAMETERS}

@@ -7,14 +7,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from codegen.importing.quantities import (
-    ACCELERATION,
-    ANGLE,
-    FACTORS,
+    ACCELERATION_KIND,
+    ANGLE_KIND,
     FRONT_MAX_HIGH,
-    RATE,
+    RATE_KIND,
     REAR_MAX_HIGH,
-    SPEED,
+    SPEED_KIND,
     SPEED_MAX_HIGH,
+    UNIT_FACTORS,
     YAW_MAX_HIGH,
     Name,
 )
@@ -48,7 +48,7 @@ class Quantity:
     @property
     def units(self) -> Mapping[str, float]:
         """Unit -> its size in SI."""
-        return FACTORS[self.kind]
+        return UNIT_FACTORS[self.kind]
 
     @property
     def si_unit(self) -> str:
@@ -73,12 +73,12 @@ SIDESLIP_MAX = math.radians(60.0)
 
 _DEGREE = math.radians(1.0)
 
-QUANTITIES: Mapping[str, Quantity] = {
+LOG_QUANTITIES: Mapping[str, Quantity] = {
     quantity.key: quantity
     for quantity in (
         Quantity(
             "vx",
-            SPEED,
+            SPEED_KIND,
             "speed along the car's axis, negative in reverse",
             "vx v speed velocity vehiclespeed vehspeed vehspd vehiclevelocity longitudinalspeed longitudinalvelocity "
             "wheelbasedvehiclespeed",
@@ -88,7 +88,7 @@ QUANTITIES: Mapping[str, Quantity] = {
         ),
         Quantity(
             "yaw_rate",
-            RATE,
+            RATE_KIND,
             "yaw rate, positive to the left",
             "yawrate yawvelocity psidot psip omegaz r",
             "yaw psi gyroz omegaz",
@@ -97,7 +97,7 @@ QUANTITIES: Mapping[str, Quantity] = {
         ),
         Quantity(
             "lateral_acceleration",
-            ACCELERATION,
+            ACCELERATION_KIND,
             "lateral acceleration at the centre of gravity, positive to the left",
             "lateralacceleration lateralaccel lateralacc latacceleration lataccel latacc ay accelerationy accely accy",
             "lat ay accy accely",
@@ -106,7 +106,7 @@ QUANTITIES: Mapping[str, Quantity] = {
         ),
         Quantity(
             "steering_wheel_angle",
-            ANGLE,
+            ANGLE_KIND,
             "angle of the steering wheel, positive to the left",
             "steeringwheelangle steerwheelangle strgwhlang strwhlang stwhlang steeringwheelpos swa",
             "steer strg stw swa whlang",
@@ -115,7 +115,7 @@ QUANTITIES: Mapping[str, Quantity] = {
         ),
         Quantity(
             "delta_f",
-            ANGLE,
+            ANGLE_KIND,
             "steer angle of the front road wheels, positive to the left",
             "deltaf frontangle frontsteer frontsteerangle frontsteeringangle frontwheelangle roadwheelangle",
             "front deltaf roadwheel",
@@ -124,7 +124,7 @@ QUANTITIES: Mapping[str, Quantity] = {
         ),
         Quantity(
             "delta_r",
-            ANGLE,
+            ANGLE_KIND,
             "steer angle of the rear road wheels, positive to the left",
             "deltar rearangle rearsteer rearsteerangle rearsteeringangle rearwheelangle",
             "rear deltar",
@@ -133,7 +133,7 @@ QUANTITIES: Mapping[str, Quantity] = {
         ),
         Quantity(
             "delta_r_command",
-            ANGLE,
+            ANGLE_KIND,
             "steer angle of the rear road wheels that the controller requests, positive to the left",
             "deltarcommand deltarcmd rearanglecommand rearanglerequest rearsteercommand rearsteeranglecommand",
             "command cmd request target setpoint",
@@ -143,7 +143,7 @@ QUANTITIES: Mapping[str, Quantity] = {
         ),
         Quantity(
             "sideslip",
-            ANGLE,
+            ANGLE_KIND,
             "sideslip angle at the centre of gravity, positive to the left",
             "sideslip sideslipangle beta",
             "slip beta",

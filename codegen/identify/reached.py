@@ -13,7 +13,7 @@ from codegen.configuration import Config
 from codegen.errors import ConfigError
 from codegen.identify.estimate import Fit
 from codegen.identify.model import AXLES, OUTPUTS
-from codegen.identify.parameters import BY_NAME, CURVES
+from codegen.identify.parameters import BY_NAME, CURVE_PARAMETERS
 from codegen.vehicle.tyre import SLIP_SEARCH_MAX, MagicFormulaTyre, known_slip, static_wheel_loads
 
 PEAK_QUANTILE = 0.999
@@ -128,7 +128,7 @@ def held_means(signal: FloatArray, length: int) -> FloatArray:
 def tyres_of(config: Config, values: dict[str, float]) -> tuple[MagicFormulaTyre, MagicFormulaTyre]:
     """Return the tyres of front and rear axle with values (name -> SI) of the identified quantities."""
     found = []
-    for axle, curve, load in zip(AXLES, CURVES, static_wheel_loads(config), strict=True):
+    for axle, curve, load in zip(AXLES, CURVE_PARAMETERS, static_wheel_loads(config), strict=True):
         keys = {BY_NAME[name].key.rpartition(".")[2]: values[name] for name in (f"{axle}_stiffness", *curve)}
         tyre = getattr(config.tyre, axle).model_copy(update={**keys, "stiffness_factor_b_per_rad": None})
         found.append(MagicFormulaTyre.from_config(tyre, load, config.road.friction))
@@ -164,7 +164,7 @@ def axle_forces(fitted: Fit, grown: FloatArray, config: Config, error: float) ->
     for axle, (tyre, load) in enumerate(zip(tyres, static_wheel_loads(config), strict=True)):
         share, carried = driven.share[axle], driven.share[axle] * _largest(tyre)
         slopes = np.zeros(z.size)
-        for index in [names.index(name) for name in (f"{AXLES[axle]}_stiffness", *CURVES[axle])]:
+        for index in [names.index(name) for name in (f"{AXLES[axle]}_stiffness", *CURVE_PARAMETERS[axle])]:
             ends = [float(np.clip(z[index] + step, low[index], high[index])) for step in (-SLOPE_STEP, SLOPE_STEP)]
             limits = []
             for end in ends:

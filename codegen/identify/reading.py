@@ -18,9 +18,9 @@ from codegen.identify.channels import CAUSES_SHOWN, Channel, Log, read_channels
 from codegen.identify.conditioning import Conditioned, condition
 from codegen.identify.cross_checks import cross_check, without_frozen, without_saturated
 from codegen.identify.drive import Drive
-from codegen.identify.findings import REMARK, UNUSED, Finding, merged
+from codegen.identify.findings import NOT_USED, REMARK, Finding, merged
 from codegen.identify.names import NO_SETTINGS, Names, SignalChoice, line_of
-from codegen.identify.quantities import QUANTITIES, REQUIRED, Quantity
+from codegen.identify.quantities import LOG_QUANTITIES, REQUIRED, Quantity
 from codegen.importing.quantities import BRACKETED, unit_of
 from codegen.logs.account import BusLog
 from codegen.logs.databases import Databases
@@ -86,7 +86,7 @@ class Reading:
     def names_toml(self) -> str:
         """Text of a names.toml that gives the same reading. It leaves a unit to the logs where they differ in it."""
         lines = []
-        for key in QUANTITIES:
+        for key in LOG_QUANTITIES:
             of_key = [sources[key] for sources in self.sources if key in sources]
             units = {source.unit for source in of_key}
             if of_key:
@@ -151,19 +151,19 @@ def _read(
     for (key, (channel, unit)), one in zip(list(chosen.items()), samples[: len(samples) - len(flags)], strict=True):
         if one.time.size < 2 and _is_optional(key, chosen):
             reason = f" ({one.remark})" if one.remark else ""
-            findings.append(Finding(name, key, UNUSED, f"{channel.path} has {one.time.size} samples{reason}"))
+            findings.append(Finding(name, key, NOT_USED, f"{channel.path} has {one.time.size} samples{reason}"))
             del chosen[key]
             continue
         if key in flag_of:
             one = _signed(one, flag_of[key], f"{path}: {flags[key].path}")
             channel = replace(channel, low=-channel.high, high=channel.high)
-        read[key], found = condition(channel, one, QUANTITIES[key], unit, names.choices.get(key, NO_SETTINGS), name, path)
+        read[key], found = condition(channel, one, LOG_QUANTITIES[key], unit, names.choices.get(key, NO_SETTINGS), name, path)
         findings += found
     read, saturated = without_saturated(read, name)
     start = min(one.time[0] for one in read.values())
     read = {key: replace(one, time=one.time - start) for key, one in read.items()}
     grid = _grid(read, names.sampling_time_s, path)
-    signals = {key: resample(one, grid, is_held=QUANTITIES[key].is_held) for key, one in read.items()}
+    signals = {key: resample(one, grid, is_held=LOG_QUANTITIES[key].is_held) for key, one in read.items()}
     drive, frozen = without_frozen(Drive(name, grid, signals))
     settings = {key: names.choices.get(key, NO_SETTINGS) for key in chosen}
     readings = {key: (unit, settings[key].factor, settings[key].offset) for key, (_, unit) in chosen.items()}
@@ -248,10 +248,10 @@ def _choose(
         except _MissingSignalError as error:
             error.key = key
             absent[key] = error
-    units = {key: _unit_of(channel, QUANTITIES[key], names, path) for key, channel in chosen.items()}
+    units = {key: _unit_of(channel, LOG_QUANTITIES[key], names, path) for key, channel in chosen.items()}
     taken = {channel.path for channel in chosen.values()}
     unclear: dict[str, list[Channel]] = {}
-    for key, quantity in QUANTITIES.items():
+    for key, quantity in LOG_QUANTITIES.items():
         if key in names.choices or key in names.without:
             continue
         fitting = [channel for channel in log.channels if channel.path not in taken and _is_obvious(channel, quantity)]
@@ -263,12 +263,12 @@ def _choose(
         if not any(key in chosen for key in group):
             raise next((absent[key] for key in group if key in absent), None) or _not_clear(group, unclear, log, path)
     missing += absent.values()
-    findings += [Finding(drive, key, UNUSED, error.what) for key, error in absent.items()]
+    findings += [Finding(drive, key, NOT_USED, error.what) for key, error in absent.items()]
     for key, fitting in unclear.items():
         shown = ", ".join(channel.path for channel in fitting[:CANDIDATES_SHOWN])
-        findings.append(Finding(drive, key, UNUSED, f"several signals may be it ({shown}); name one in names.toml"))
-    units |= {key: _unit_of(channel, QUANTITIES[key], names, path) for key, channel in chosen.items() if key not in units}
-    return {key: (chosen[key], units[key]) for key in QUANTITIES if key in chosen}
+        findings.append(Finding(drive, key, NOT_USED, f"several signals may be it ({shown}); name one in names.toml"))
+    units |= {key: _unit_of(channel, LOG_QUANTITIES[key], names, path) for key, channel in chosen.items() if key not in units}
+    return {key: (chosen[key], units[key]) for key in LOG_QUANTITIES if key in chosen}
 
 
 def _is_obvious(channel: Channel, quantity: Quantity) -> bool:
@@ -302,7 +302,7 @@ def _short_names(channel: Channel) -> tuple[str, ...]:
 def _not_clear(group: Sequence[str], unclear: Mapping[str, Sequence[Channel]], log: Log, path: Path) -> CodegenError:
     """Return the error for a required quantity: its candidates, and a line for names.toml."""
     key = next((key for key in group if key in unclear), group[0])
-    quantity = QUANTITIES[key]
+    quantity = LOG_QUANTITIES[key]
     candidates = list(unclear.get(key, ())) or [
         channel for channel in log.channels if quantity.is_candidate(channel.name, channel.known_unit)
     ]

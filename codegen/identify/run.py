@@ -17,7 +17,7 @@ from codegen.identify.estimate import Fit, diverged, fit
 from codegen.identify.held import undetermined_curves, with_held_spread
 from codegen.identify.identifiability import WEAK_SHARE_MAX, Direction, Identifiability, analyse
 from codegen.identify.model import OUTPUTS
-from codegen.identify.parameters import BY_NAME, CURVES, HANDLING, PARAMETERS, Parameter, configured
+from codegen.identify.parameters import BY_NAME, CURVE_PARAMETERS, HANDLING_PARAMETERS, PARAMETERS, Parameter, configured
 from codegen.identify.shooting import DriveSamples, Problem, actuator_problem, filled, front_signal, vehicle_problem
 from codegen.identify.start import actuator_start, starting_values
 
@@ -151,9 +151,13 @@ def judge(
     names, deviations = fitted.problem.prior.names, fitted.standard_deviations
     determined = {name for name, is_identified in zip(names, judged.is_identified, strict=True) if is_identified}
     shares = dict(zip(names, judged.shares.tolist(), strict=True))
-    weak = {name for name in HANDLING if determined & set(HANDLING) and shares.get(name, 1.0) <= WEAK_SHARE_MAX} - determined
+    weak = {
+        name
+        for name in HANDLING_PARAMETERS
+        if determined & set(HANDLING_PARAMETERS) and shares.get(name, 1.0) <= WEAK_SHARE_MAX
+    } - determined
     # A parameter of a curve that is still free is identified with it. A held one keeps its assumed deviation.
-    peaks = {name: curve[0] for curve in CURVES for name in curve}
+    peaks = {name: curve[0] for curve in CURVE_PARAMETERS for name in curve}
     kept = {name for name, is_free in zip(names, fitted.free, strict=True) if is_free}
     for index, parameter in enumerate(fitted.problem.prior.parameters):
         name = parameter.name
@@ -294,7 +298,7 @@ def _fit_vehicle(
             found[relaxation.name] = _quantity(relaxation, 0.0, deviation, centre, True, note)
             held[relaxation.name] = 0.0
         if not held:
-            curves = np.array([any(name in curve for curve in CURVES) for name in names])
+            curves = np.array([any(name in curve for curve in CURVE_PARAMETERS) for name in names])
             return with_held_spread(result, curves & ~free), replace(judged, directions=first.directions)
         free = free & [name not in held for name in names]
         centre, values = {**centre, **held}, {**result.named(), **held}

@@ -15,7 +15,7 @@ from codegen.identify.run import Identification, Quantity
 from codegen.identify.validation import Validation
 from codegen.units import DEGREE, KM_H
 
-CONFIDENCE = 1.96
+CONFIDENCE_FACTOR = 1.96
 """Half of the width of a 95 % interval in standard deviations."""
 
 ROUNDING = 1e-9
@@ -72,7 +72,7 @@ def finding_rows(reading: Reading) -> list[tuple[str, ...]]:
 def quantity_row(quantity: Quantity) -> tuple[str, ...]:
     """Return a row of QUANTITY_HEADER."""
     parameter = quantity.parameter
-    interval = _shown(CONFIDENCE * quantity.standard_deviation, parameter, 2) if quantity.is_uncertain else "-"
+    interval = _shown(CONFIDENCE_FACTOR * quantity.standard_deviation, parameter, 2) if quantity.is_uncertain else "-"
     return (
         parameter.title,
         _shown_to(quantity.value, parameter, interval) if quantity.is_identified else "-",
@@ -88,7 +88,7 @@ def quantity_rows(found: Identification) -> list[tuple[str, ...]]:
     gravity = found.config.road.gravity_m_s2
     value, deviation = (each / DEGREE * gravity for each in understeer_gradient(found))
     is_known = math.isfinite(deviation)
-    interval = f"{CONFIDENCE * deviation:.2g}" if is_known else "-"
+    interval = f"{CONFIDENCE_FACTOR * deviation:.2g}" if is_known else "-"
     gradient = (
         "understeer gradient",
         f"{value:.{len(interval.partition('.')[2])}f}" if is_known else "-",
@@ -109,8 +109,8 @@ def reached_lines(outcome: Outcome) -> list[str]:
         is_identified = found.quantities[f"{axle}_peak"].is_identified
         held = "the identified curve holds up to there" if is_identified else "D, C and E are as configured"
         lines.append(f"The {axle} tyres reached {slip / DEGREE:.1f} deg of slip and a friction of {friction:.2f}; {held}.")
-        largest = f"{1e-3 * force.force:.2f} ± {1e-3 * CONFIDENCE * force.force_deviation:.2f} kN"
-        limit = f"{force.slip_limit / DEGREE:.1f} ± {CONFIDENCE * force.slip_limit_deviation / DEGREE:.1f} deg"
+        largest = f"{1e-3 * force.force:.2f} ± {1e-3 * CONFIDENCE_FACTOR * force.force_deviation:.2f} kN"
+        limit = f"{force.slip_limit / DEGREE:.1f} ± {CONFIDENCE_FACTOR * force.slip_limit_deviation / DEGREE:.1f} deg"
         end = f"; a map ends at a slip of {limit}" if math.isfinite(force.slip_limit) else ""
         lines.append(f"The largest force of the {axle} axle was {largest}{end}.")
     return lines

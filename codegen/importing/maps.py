@@ -19,12 +19,12 @@ from codegen import __version__
 from codegen.arrays import AnyArray, FloatArray
 from codegen.errors import CodegenError, one_line
 from codegen.importing import child, quantities
-from codegen.importing.quantities import FACTORS, LOGICAL, QUANTITIES
+from codegen.importing.quantities import LOGICAL_KIND, MAP_CHANNELS, UNIT_FACTORS
 from codegen.importing.source import MIB, TABLE_BYTES_MAX, ImportFault, Source, read
 from codegen.importing.table import Axis, RawMap, read_table
 from codegen.limits import Limits
 from codegen.map_file.map import SCHEMA_VERSION, ReferenceMap, from_arrays
-from codegen.map_file.tables import UNITS
+from codegen.map_file.tables import TABLE_UNITS
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 SAVE_AGAIN = "save it in MATLAB with save(name, 'vx', 'delta_f', 'yaw_rate', '-v7')"
@@ -171,7 +171,7 @@ def _imported(source: Source, raw: RawMap, given: Mapping[str, str]) -> Imported
 def _meta(source: Source, columns: dict[str, dict[str, str]]) -> dict[str, Any]:
     return {
         "schema_version": SCHEMA_VERSION,
-        "units": dict(UNITS),
+        "units": dict(TABLE_UNITS),
         "source": {"file": source.name, "sha256": source.sha256, "variables": columns},
         "tools": {"codegen": __version__, "numpy": np.__version__},
     }
@@ -186,7 +186,7 @@ def _units(raw: RawMap, given: Mapping[str, str], source: Source) -> dict[str, s
             continue
         missing = [each for each in units if each not in known]
         likely = quantities.likely_units(_judged(raw), {each: known[each] for each in known if each != "feasible"})
-        choice = {each: "|".join(FACTORS[QUANTITIES[each].kind]) for each in missing}
+        choice = {each: "|".join(UNIT_FACTORS[MAP_CHANNELS[each].kind]) for each in missing}
         pairs = ",".join(f"{each}={unit}" for each, unit in (likely or choice).items())
         raise ImportFault(
             f"the unit of {key} is not known",
@@ -201,7 +201,7 @@ def _judged(raw: RawMap) -> dict[str, FloatArray]:
     feasible = raw.values.get("feasible")
     judged = {}
     for key, array in raw.values.items():
-        if QUANTITIES[key].kind == LOGICAL:
+        if MAP_CHANNELS[key].kind == LOGICAL_KIND:
             continue
         values = np.array(array, dtype=np.float64)
         if values.ndim == 2 and feasible is not None and feasible.shape == values.shape:
@@ -211,7 +211,7 @@ def _judged(raw: RawMap) -> dict[str, FloatArray]:
 
 
 def _in_si(array: npt.NDArray[Any], key: str, unit: str) -> npt.NDArray[Any]:
-    factor = FACTORS[QUANTITIES[key].kind][unit]
+    factor = UNIT_FACTORS[MAP_CHANNELS[key].kind][unit]
     return array if factor == 1.0 else np.asarray(array, dtype=np.float64) * factor
 
 

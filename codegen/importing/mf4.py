@@ -14,7 +14,7 @@ from asammdf import MDF
 from codegen.arrays import AnyArray, BoolArray, FloatArray
 from codegen.importing import library_warnings
 from codegen.importing.quantities import TIME_UNITS, time_unit_of
-from codegen.importing.rows import ARRAY, INVALID, NO_VALUE, TEXT, UNUSED, Count, Group, group_of
+from codegen.importing.rows import ARRAY, INVALID, NO_VALUE, TEXT, UNUSED_GROUP, Count, Group, group_of
 
 FRAME_CHANNELS = ("CAN_DataFrame", "CAN_RemoteFrame", "CAN_ErrorFrame", "CAN_OverloadFrame")
 """Channels of the log of a bus (ASAM MDF 4.1, bus logging)."""
@@ -196,7 +196,7 @@ def _groups(mdf: MDF, wanted: set[int]) -> list[Group]:
     groups = []
     for number, group in enumerate(list[Any](mdf.groups)):
         rows = int(group.channel_group.cycles_nr)
-        reason = _no_time(mdf, number) or ("" if number in wanted else UNUSED)
+        reason = _no_time(mdf, number) or ("" if number in wanted else UNUSED_GROUP)
         if not reason:
             groups.append(
                 group_of(_name(group), _time_size(mdf, number) * np.asarray(mdf.get_master(number), dtype=np.float64), rows)

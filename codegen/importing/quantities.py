@@ -24,14 +24,14 @@ from codegen.errors import suggestion
 from codegen.importing.source import ImportFault
 from codegen.units import GRAVITY, KM_H, STANDARD_GRAVITY
 
-SPEED, ANGLE, RATE, ACCELERATION, LOGICAL = "speed", "angle", "rate", "acceleration", "logical"
+SPEED_KIND, ANGLE_KIND, RATE_KIND, ACCELERATION_KIND, LOGICAL_KIND = "speed", "angle", "rate", "acceleration", "logical"
 
-FACTORS = {
-    SPEED: {"m/s": 1.0, "km/h": KM_H, "mph": 0.44704},
-    ANGLE: {"rad": 1.0, "deg": math.pi / 180.0},
-    RATE: {"rad/s": 1.0, "deg/s": math.pi / 180.0},
-    ACCELERATION: {"m/s^2": 1.0, "g": STANDARD_GRAVITY},
-    LOGICAL: {"1": 1.0},
+UNIT_FACTORS = {
+    SPEED_KIND: {"m/s": 1.0, "km/h": KM_H, "mph": 0.44704},
+    ANGLE_KIND: {"rad": 1.0, "deg": math.pi / 180.0},
+    RATE_KIND: {"rad/s": 1.0, "deg/s": math.pi / 180.0},
+    ACCELERATION_KIND: {"m/s^2": 1.0, "g": STANDARD_GRAVITY},
+    LOGICAL_KIND: {"1": 1.0},
 }
 """Kind of quantity -> unit -> its size in SI. 1 mph is 0.44704 m/s exactly (international mile of 1609.344 m). Drives have
 accelerations, maps have none."""
@@ -72,7 +72,7 @@ _TIME_UNIT = re.compile(
 """A name of a time with its unit: "Time [ms]", "time_ms", "t in s"."""
 
 UNIT_OF = {spelling: unit for unit, spellings in SPELLINGS.items() for spelling in spellings}
-KIND_OF = {unit: kind for kind, factors in FACTORS.items() for unit in factors}
+KIND_OF = {unit: kind for kind, factors in UNIT_FACTORS.items() for unit in factors}
 
 
 @dataclass(frozen=True)
@@ -90,14 +90,16 @@ class Quantity:
 
 
 _NAMES = {
-    ("vx", SPEED, True): "vx v speed velocity vehiclespeed longitudinalspeed longitudinalvelocity",
-    ("delta_f", ANGLE, True): "deltaf df delta deltafront steer frontangle frontsteer frontsteeringangle roadwheelangle",
-    ("yaw_rate", RATE, True): "yawrate r psidot psip omegaz rref yawrateref yawratereference",
-    ("beta", ANGLE, False): "beta sideslip sideslipangle",
-    ("delta_r", ANGLE, False): "deltar dr deltarear rearangle rearsteer rearsteeringangle",
-    ("feasible", LOGICAL, False): "feasible valid",
+    ("vx", SPEED_KIND, True): "vx v speed velocity vehiclespeed longitudinalspeed longitudinalvelocity",
+    ("delta_f", ANGLE_KIND, True): "deltaf df delta deltafront steer frontangle frontsteer frontsteeringangle roadwheelangle",
+    ("yaw_rate", RATE_KIND, True): "yawrate r psidot psip omegaz rref yawrateref yawratereference",
+    ("beta", ANGLE_KIND, False): "beta sideslip sideslipangle",
+    ("delta_r", ANGLE_KIND, False): "deltar dr deltarear rearangle rearsteer rearsteeringangle",
+    ("feasible", LOGICAL_KIND, False): "feasible valid",
 }
-QUANTITIES = {key: Quantity(key, kind, tuple(names.split()), is_required) for (key, kind, is_required), names in _NAMES.items()}
+MAP_CHANNELS = {
+    key: Quantity(key, kind, tuple(names.split()), is_required) for (key, kind, is_required), names in _NAMES.items()
+}
 BRACKETED = re.compile(r"\s*[\[({]\s*([^\])}]*?)\s*[\])}]\s*\Z")
 
 
@@ -171,7 +173,7 @@ def _unit_at_end(stem: str) -> tuple[str, str | None]:
 
 def quantity_named(name: Name) -> Quantity | None:
     """Return the quantity that a name denotes by itself."""
-    return next((quantity for quantity in QUANTITIES.values() if name.base in quantity.names), None)
+    return next((quantity for quantity in MAP_CHANNELS.values() if name.base in quantity.names), None)
 
 
 def choose(available: Iterable[str], wanted: Mapping[str, str], where: object, unread: str = "") -> dict[str, Name]:
@@ -192,9 +194,9 @@ def choose(available: Iterable[str], wanted: Mapping[str, str], where: object, u
     names = [take_apart(text) for text in available]
     chosen: dict[str, Name] = {}
     for key, text in wanted.items():
-        chosen[key] = _by_name(text, names, QUANTITIES[key], where, unread)
+        chosen[key] = _by_name(text, names, MAP_CHANNELS[key], where, unread)
     taken = {name.text for name in chosen.values()}
-    for quantity in QUANTITIES.values():
+    for quantity in MAP_CHANNELS.values():
         if quantity.key in chosen:
             continue
         fitting = [name for name in names if name.base in quantity.names and name.text not in taken]
@@ -238,12 +240,12 @@ def parse_units(text: str | None) -> dict[str, str]:
         left, equals, right = part.partition("=")
         quantity = quantity_named(take_apart(left))
         place = "`units=`"
-        if not equals or quantity is None or quantity.kind == LOGICAL:
-            known = ", ".join(key for key, one in QUANTITIES.items() if one.kind != LOGICAL)
+        if not equals or quantity is None or quantity.kind == LOGICAL_KIND:
+            known = ", ".join(key for key, one in MAP_CHANNELS.items() if one.kind != LOGICAL_KIND)
             raise ImportFault(f"{part.strip()!r} is no NAME=UNIT", where=place, remedy=f"NAME is one of {known}")
         unit = unit_of(right)
         if unit is None or KIND_OF[unit] != quantity.kind:
-            fitting = ", ".join(FACTORS[quantity.kind])
+            fitting = ", ".join(UNIT_FACTORS[quantity.kind])
             raise ImportFault(f"{right.strip()!r} is no unit for {quantity.key}", where=place, remedy=f"give one of {fitting}")
         if quantity.key in units:
             raise ImportFault(f"{quantity.key} is there twice", where=place, remedy="give each once")
@@ -257,15 +259,15 @@ def named_unit(key: str, name: Name, given: Mapping[str, str], where: object) ->
     Raises:
         ImportFault: the name has a unit of another kind, or one that is not known.
     """
-    quantity = QUANTITIES[key]
-    if quantity.kind == LOGICAL:
+    quantity = MAP_CHANNELS[key]
+    if quantity.kind == LOGICAL_KIND:
         return "1"
     place = f"{where}: {name.text}"
     if key not in given and name.unit is not None and KIND_OF[name.unit] != quantity.kind:
-        fitting = ", ".join(FACTORS[quantity.kind])
+        fitting = ", ".join(UNIT_FACTORS[quantity.kind])
         raise ImportFault(f"{name.unit} is no unit for {key}", where=place, remedy=f"rename it; {key} is in one of {fitting}")
     if name.unknown_unit is not None and key not in given:
-        fitting = ", ".join(FACTORS[quantity.kind])
+        fitting = ", ".join(UNIT_FACTORS[quantity.kind])
         raise ImportFault(
             f"{name.unknown_unit!r} is no unit for {key}", where=place, remedy=f"give one of {fitting}, or `units='{key}=UNIT'`"
         )
@@ -328,7 +330,7 @@ def likely_units(values: Mapping[str, FloatArray], known: Mapping[str, str]) -> 
     open_keys = [key for key in values if key not in known]
     fitting = [
         {**dict(known), **dict(zip(open_keys, chosen, strict=True))}
-        for chosen in itertools.product(*(FACTORS[QUANTITIES[key].kind] for key in open_keys))
+        for chosen in itertools.product(*(UNIT_FACTORS[MAP_CHANNELS[key].kind] for key in open_keys))
         if "mph" not in chosen
     ]
     fitting = [units for units in fitting if next(_doubts(values, units), None) is None]
@@ -346,7 +348,9 @@ def _guess(values: Mapping[str, FloatArray], units: Mapping[str, str], blamed: t
     keys = [*blamed, *(key for key in values if key not in blamed)]
     for count in range(1, len(keys) + 1):
         for changed in itertools.combinations(keys, count):
-            others = [[unit for unit in FACTORS[QUANTITIES[key].kind] if unit not in (units[key], "mph")] for key in changed]
+            others = [
+                [unit for unit in UNIT_FACTORS[MAP_CHANNELS[key].kind] if unit not in (units[key], "mph")] for key in changed
+            ]
             for chosen in itertools.product(*others):
                 change = dict(zip(changed, chosen, strict=True))
                 changed_units = {**dict(units), **change}
@@ -365,7 +369,7 @@ def _shows_slow_turns(values: Mapping[str, FloatArray], units: Mapping[str, str]
 
 
 def _in_si(values: Mapping[str, FloatArray], units: Mapping[str, str]) -> dict[str, FloatArray]:
-    return {key: array * FACTORS[QUANTITIES[key].kind][units[key]] for key, array in values.items()}
+    return {key: array * UNIT_FACTORS[MAP_CHANNELS[key].kind][units[key]] for key, array in values.items()}
 
 
 def _turning_lengths(speed: FloatArray, angle: FloatArray, yaw_rate: FloatArray) -> FloatArray:
@@ -403,7 +407,7 @@ def _doubts_of_size(units: Mapping[str, str], si: Mapping[str, FloatArray]) -> I
         largest = float(np.nanmax(np.abs(si[key])))
         if low <= largest <= high * (1.0 + 1e-9):
             continue
-        factor = FACTORS[QUANTITIES[key].kind][units[key]]
+        factor = UNIT_FACTORS[MAP_CHANNELS[key].kind][units[key]]
         shown = f"{largest / factor:.4g} {units[key]}"
         side = f"above {high / factor:.4g}" if largest > high else f"below {low / factor:.3g}"
         hint = AT_THE_WHEEL if key == "delta_f" and largest > high else ""

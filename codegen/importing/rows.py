@@ -17,8 +17,8 @@ RESOLUTION_S = 1e-6
 """Difference in s from which a stamp goes back. Unix time in a float64 has steps of 0.24 us."""
 NO_TIME, NO_VALUE, INVALID, TEXT, ARRAY = "no time", "no value", "marked as invalid", "a text", "an array"
 """Reasons why a row or a sample does not count."""
-MISSING = "not in the data of the file"
-UNUSED = "no channel of their group is used"
+MISSING_CHANNEL = "not in the data of the file"
+UNUSED_GROUP = "no channel of their group is used"
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ def group_of(name: str, time: FloatArray, rows: int, place: Callable[[int], str]
     """
     skipped: dict[str, tuple[int, str]] = {}
     if time.size < rows:
-        skipped[MISSING] = rows - time.size, place(time.size)
+        skipped[MISSING_CHANNEL] = rows - time.size, place(time.size)
     bad = np.flatnonzero(~np.isfinite(time))
     if bad.size:
         skipped[NO_TIME] = int(bad.size), place(int(bad[0]))

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from codegen.configuration.section import MAX_CELLS
 from codegen.importing import quantities
-from codegen.importing.quantities import BRACKETED, LOGICAL, QUANTITIES, Name
+from codegen.importing.quantities import BRACKETED, LOGICAL_KIND, MAP_CHANNELS, Name
 from codegen.importing.source import ImportFault, Source, text_of
 
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?\Z", re.ASCII)
@@ -290,7 +290,7 @@ def read_table(source: Source, wanted: Mapping[str, str], rows: Axis | None) -> 
             raise ImportFault("`rows=` is for a matrix, this is a list", where=source.path, remedy="leave it out")
         return _long(cells, head, wanted, source)
     if wanted:
-        argument = QUANTITIES[next(iter(wanted))].argument()
+        argument = MAP_CHANNELS[next(iter(wanted))].argument()
         raise ImportFault(f"{argument} is for a table with named columns", where=source.path, remedy=NAMES_WANTED)
     if head is None:
         return _matrix(cells, cells.body[0], cells.body[1:], rows, source)
@@ -321,7 +321,7 @@ def _long(cells: Cells, head: Line, wanted: Mapping[str, str], source: Source) -
 
 def _cell(cells: Cells, line: Line, column: int, key: str, source: Source) -> float:
     text = line.cells[column].strip().lower()
-    if QUANTITIES[key].kind == LOGICAL and text in ("true", "false"):
+    if MAP_CHANNELS[key].kind == LOGICAL_KIND and text in ("true", "false"):
         return float(text == "true")
     value = cells.value(line, column, source.path)
     if key in ("vx", "delta_f") and math.isnan(value):
@@ -404,7 +404,7 @@ def _corner(text: str, place: str) -> tuple[dict[str, Name], Axis | None]:
     for part in filter(None, CORNER_SEPARATORS.split(text)):
         unit = quantities.unit_of(part.strip("[]() "))
         kind = quantities.KIND_OF.get(unit or "")
-        key = next((quantity.key for quantity in QUANTITIES.values() if quantity.kind == kind), "")
+        key = next((quantity.key for quantity in MAP_CHANNELS.values() if quantity.kind == kind), "")
         if key:
             name = Name(part, key, unit)
         else:

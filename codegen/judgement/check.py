@@ -22,7 +22,7 @@ from codegen.judgement.build_warnings import build_warnings, folder_notes, folde
 from codegen.judgement.car_warnings import Handling, car_warnings
 from codegen.judgement.judge import judge, judge_build
 from codegen.judgement.map_warnings import MapFacts, beyond_grip, cut_warning, map_warnings
-from codegen.judgement.model import MISSING, Judgement, Stored, of_manifest, of_map
+from codegen.judgement.model import MISSING_RECORD, Judgement, Stored, of_manifest, of_map
 from codegen.map_file import map as npz
 from codegen.map_file.map import Chosen, ReferenceMap, choose_config, grip_notes, older_keys
 from codegen.optimum.solve import solve_case, solve_stack
@@ -175,7 +175,7 @@ def check_configuration(chosen: Chosen, where: object, drive: bool = False, prog
 
     everywhere = dict.fromkeys(common.warnings, steering)
     older = (*chosen.notes, *_older(config, chosen.source), *common.notes)
-    notes = tuple(dict.fromkeys((*older, *(() if drive else (MISSING.note,)))))
+    notes = tuple(dict.fromkeys((*older, *(() if drive else (MISSING_RECORD.note,)))))
     return Found(
         "configuration", of_cases(dict.fromkeys(common.lines, steering) | lines), facts, notes, of_cases(everywhere | warnings)
     )

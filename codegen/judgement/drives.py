@@ -17,10 +17,10 @@ from codegen.judgement.bench import Bench
 from codegen.judgement.passive import PassiveTurns
 from codegen.map_file.map import ReferenceMap
 from codegen.metrics import Runs, SineWithDwell, StepResponse
-from codegen.metrics.runs import COLUMNS, largest, spin_times
+from codegen.metrics.runs import METRIC_COLUMNS, largest, spin_times
 from codegen.metrics.sine import RATIOS, SineResponse, displacement_min
 from codegen.units import KM_H
-from hil_sim.scenarios import DEFAULT, SCENARIOS, Scenario
+from hil_sim.scenarios import DEFAULT_SCENARIO, SCENARIOS, Scenario
 
 SPEEDS_KM_H = (60.0, 80.0)
 """Speeds of steps and sines; the last speed of the map follows."""
@@ -149,7 +149,7 @@ def drive_steps(bench: Bench, map_speed: FloatArray, reference_map: ReferenceMap
         return None
     time = bench.time(STEP_DURATION)
     profile = bench.profile(np.where(time >= STEER_TIME - 1e-9, config.steering.ratio, 0.0), STEP_DURATION)
-    runs = bench.run(profile, STEER_TIME, COLUMNS, speed=speed, wheel=front_angle)
+    runs = bench.run(profile, STEER_TIME, METRIC_COLUMNS, speed=speed, wheel=front_angle)
     step, spun = StepResponse(runs), ~np.isnan(spin_times(runs))
 
     def unless_spun(values: FloatArray) -> FloatArray:
@@ -179,7 +179,7 @@ def _step_cells(config: Config, map_speed: FloatArray, reference_map: ReferenceM
     angle = np.minimum(angle, config.steering.front_angle_stop)
     is_known: BoolArray = np.isfinite(angle) & (angle > 0.0)
     speeds, angles = np.repeat(speed, angle.shape[1])[is_known.ravel()], angle[is_known]
-    base = SCENARIOS[DEFAULT].settings
+    base = SCENARIOS[DEFAULT_SCENARIO].settings
     assert base.steering_wheel_angle_deg is not None  # the default scenario has one
     if not map_speed[0] <= base.speed <= map_speed[-1]:
         return speeds, angles
@@ -209,7 +209,7 @@ def drive_sines(bench: Bench, map_speed: FloatArray) -> SineFigures | None:
         return None
     time, duration = bench.time(SINE_PERIODS / SINE_HZ), SINE_PERIODS / SINE_HZ
     wave = bench.profile(config.steering.ratio * np.sin(2.0 * np.pi * SINE_HZ * time), duration)
-    runs = bench.run(wave, 0.0, COLUMNS, speed=speed[is_known], wheel=angle[is_known])
+    runs = bench.run(wave, 0.0, METRIC_COLUMNS, speed=speed[is_known], wheel=angle[is_known])
     sine = SineResponse(runs, SINE_HZ)
     delays = (sine.yaw_rate_delay_s, sine.lateral_acceleration_delay_s)
     return SineFigures(speed[is_known] / KM_H, dict(zip(QUANTITIES, map(_both, delays), strict=True)))
@@ -223,7 +223,7 @@ def _dwells(bench: Bench, amplitude: FloatArray, **changes: Any) -> tuple[SineWi
     runs = bench.run(
         scenario.inputs(car),
         scenario.steer_time,
-        COLUMNS,
+        METRIC_COLUMNS,
         speed=np.ones(amplitude.size),
         wheel=amplitude / NOMINAL_AMPLITUDE,
         **changes,

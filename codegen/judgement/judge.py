@@ -29,7 +29,7 @@ from codegen.map_file import judged
 from codegen.map_file.map import ReferenceMap
 from codegen.sil.batch import BatchSoftware
 from codegen.units import KM_H
-from hil_sim.scenarios import DEFAULT, SCENARIOS
+from hil_sim.scenarios import DEFAULT_SCENARIO, SCENARIOS
 
 NO_MAP = "the map is not in the build, so only its drives are judged"
 UNTUNED = "the controller has no gains yet, so only the map is judged; next: `codegen tune`"
@@ -115,7 +115,7 @@ def drive(
     step = drive_steps(bench, speed, reference_map)
     tell(1, PARTS)
     if step is not None:
-        base = SCENARIOS[DEFAULT].settings.speed_km_h
+        base = SCENARIOS[DEFAULT_SCENARIO].settings.speed_km_h
         assert base is not None  # the default scenario has one
         rows += step_rows(step, base)
     sine = drive_sines(bench, speed)

@@ -42,7 +42,7 @@ PATH_SPACING_M = 0.05
 """Distance of the points of the path; interpolation between them is off by less than 0.1 mm."""
 SPEEDS_AT_ONCE = 8
 """Entry speeds that are driven in one batch."""
-COLUMNS = ("speed_m_s", "yaw_rate_rad_s", "sideslip_rad", "slip_front_rad", "slip_rear_rad")
+LANE_CHANGE_COLUMNS = ("speed_m_s", "yaw_rate_rad_s", "sideslip_rad", "slip_front_rad", "slip_rear_rad")
 
 
 @dataclass(frozen=True)
@@ -149,7 +149,11 @@ class _Drives:
         speed = np.repeat([scenario.settings.speed for scenario in scenarios], len(self._drivers))
         longest = max(scenario.duration for scenario in scenarios)
         runs = self._bench.run(
-            self._bench.profile(0.0, longest), DEPARTURE_TIME_S, COLUMNS, speed=speed, drivers=self._of_batch(scenarios)
+            self._bench.profile(0.0, longest),
+            DEPARTURE_TIME_S,
+            LANE_CHANGE_COLUMNS,
+            speed=speed,
+            drivers=self._of_batch(scenarios),
         )
         shape = (2, len(speeds), len(self._drivers))
         for number, (kmh, scenario) in enumerate(zip(speeds, scenarios, strict=True)):

@@ -84,7 +84,7 @@ MAP_ONLY = ("dead_steering", "yaw_rate", "yaw_gain", "dwell_sweep")
 """Beginnings of the keys of figures that the passive car does not have, or that are relative to it."""
 
 
-HEADER = ("", "with", "passive", "verdict", "where", "required")
+JUDGEMENT_HEADER = ("", "with", "passive", "verdict", "where", "required")
 """Header of the table of a judgement."""
 
 
@@ -142,7 +142,7 @@ class Judgement(_Stored):
 
     def table(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
         """Return a header and the rows as texts."""
-        return HEADER, [
+        return JUDGEMENT_HEADER, [
             (row.title, row.value_text, row.passive_text, WORDS[row.verdict], row.at, row.required) for row in self.rows
         ]
 
@@ -186,13 +186,13 @@ class Stored:
         return {"state": self.state, **({} if self.judgement is None else self.judgement.to_dict())}
 
 
-MISSING = Stored("missing")
+MISSING_RECORD = Stored("missing")
 
 
 def of_map(reference_map: ReferenceMap, config: Config) -> Stored:
     """Return the judgement that `codegen tune` stored in a map, for a configuration."""
     if judged.stored(reference_map) is None:
-        return MISSING
+        return MISSING_RECORD
     found = _read(judged.current(reference_map, config))
     return Stored("out of date") if found is None else Stored("current", found)
 
@@ -200,7 +200,7 @@ def of_map(reference_map: ReferenceMap, config: Config) -> Stored:
 def of_manifest(manifest: Mapping[str, Any], is_edited: bool = False) -> Stored:
     """Return the judgement in a build's manifest. It is not one of a build whose files have been edited."""
     if manifest.get(judged.KEY) is None:
-        return MISSING
+        return MISSING_RECORD
     found = _read(manifest[judged.KEY])
     if found is None or found.definition != judged.DEFINITION_VERSION or is_edited:
         return Stored("out of date")

@@ -19,7 +19,7 @@ from codegen.judgement.model import of_map
 from codegen.library.builds import Build
 from codegen.library.configurations import ConfigLike, given_config
 from codegen.library.maps import Map, MapLike, map_of, place_of
-from codegen.library.quantities import MEMORY, YAW_RATE
+from codegen.library.quantities import MEMORY_KIND, YAW_RATE_KIND
 from codegen.library.result import PathLike, Progress, Work, path_of, public
 from codegen.map_file.map import choose_config
 
@@ -138,9 +138,9 @@ def _request(max_error: str | None, max_flash: str | None, storage: Storage | No
             raise CodegenError("applies only to chosen breakpoints", where="`storage=`", remedy=remedy)
         return None
     with within("`max_error=`"):
-        error = None if max_error is None else YAW_RATE.read(max_error)
+        error = None if max_error is None else YAW_RATE_KIND.read(max_error)
     with within("`max_flash=`"):
-        flash = None if max_flash is None else MEMORY.read(max_flash)
+        flash = None if max_flash is None else MEMORY_KIND.read(max_flash)
     words = [f"--max-error {error.words}"] if error else []
     words += [f"--max-flash {flash.words}"] if flash else []
     words += [f"--storage {storage}"] if storage == "int16" else []

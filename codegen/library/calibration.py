@@ -13,7 +13,7 @@ from codegen.export.calibration.build import BuildCalibration
 from codegen.export.calibration.convert import map_of, toml_of
 from codegen.export.calibration.images import Image
 from codegen.export.calibration.labels import number_text, python_numbers
-from codegen.export.calibration.sets import READERS, CalibrationSet, Difference, curves_of, differences, merged
+from codegen.export.calibration.sets import CALIBRATION_READERS, CalibrationSet, Difference, curves_of, differences, merged
 from codegen.figures.draw import draw
 from codegen.files import write_atomically
 from codegen.library.builds import BuildLike, edited_notes, folder_of
@@ -75,9 +75,9 @@ class Calibration(Result):
         suffix, layout = place.suffix.lower(), build.layout
         check_output(place, suffix)
         self.notes = (*self._edited, *_stale_notes([self._merged]))
-        if suffix in READERS:
+        if suffix in CALIBRATION_READERS:
             title = f"Calibration of the build {layout.build_id}, made by codegen"
-            content, what = READERS[suffix].write(values, layout, title), f"{len(layout.objects)} objects"
+            content, what = CALIBRATION_READERS[suffix].write(values, layout, title), f"{len(layout.objects)} objects"
         elif suffix == ".toml":
             written = toml_of(values, build, None if config is None else path_of(config, "the path of an ars.toml"))
             content, what = written.text.encode("utf-8"), f"{len(written.changed)} keys changed"

@@ -28,7 +28,7 @@ from codegen.sweep import chunk
 from codegen.sweep import plan as planning
 from codegen.sweep.engine import Dask, Threads, run_campaign
 from codegen.sweep.plan import Plan
-from codegen.sweep.store import WHOLE, YES_NO, check_same
+from codegen.sweep.store import WHOLE_COLUMNS, YES_NO, check_same
 from codegen.sweep.summary import Summary, summarise
 from codegen.text import text_table
 
@@ -224,7 +224,8 @@ class Replay(Result):
         """Return the same values, in the types of their columns."""
         facts = {"run": self._run, "scenario": self._found.profile.name, "controller": self._found.controller}
         row = {
-            name: bool(value) if name in YES_NO else int(value) if name in WHOLE else value for name, value in self.row.items()
+            name: bool(value) if name in YES_NO else int(value) if name in WHOLE_COLUMNS else value
+            for name, value in self.row.items()
         }
         return {**facts, **row}
 

@@ -15,7 +15,7 @@ from codegen.library.configurations import ConfigLike, given_config
 from codegen.library.maps import Map, place_of
 from codegen.library.result import PathLike, Progress, Result, Work, path_of, public
 from codegen.map_file.map import choose_config
-from codegen.report.bus_tables import HEADER, fault_data, fault_rows
+from codegen.report.bus_tables import FAULT_HEADER, fault_data, fault_rows
 from codegen.sil.software import load
 from codegen.text import text_table
 from hil_sim import bench
@@ -112,7 +112,7 @@ class Faults(Result):
 
     def lines(self) -> list[str]:
         """Return a row for each fault."""
-        return [text_table(HEADER, fault_rows(self._outcomes))]
+        return [text_table(FAULT_HEADER, fault_rows(self._outcomes))]
 
     def to_dict(self) -> dict[str, Any]:
         """Return the outcomes."""

@@ -13,7 +13,7 @@ from codegen.library.maps import Map, MapLike, map_of, place_of
 from codegen.library.result import PathLike, Progress, Result, Work, drawn, public
 from codegen.map_file.map import choose_config
 from codegen.optimum.nonlinear import slip_use
-from codegen.report.flash import HEADER, flash_dict, flash_headline, flash_picture, flash_rows
+from codegen.report.flash import FLASH_HEADER, flash_dict, flash_headline, flash_picture, flash_rows
 from codegen.report.map_difference import (
     CAR_HEADER,
     DIFFERENCE_HEADER,
@@ -93,7 +93,7 @@ class FlashSizes(Result):
 
     def lines(self) -> list[str]:
         """Return a row for each error."""
-        return [f"{place_of(self._map)}: {flash_headline(self._found)}\n", text_table(HEADER, flash_rows(self._found))]
+        return [f"{place_of(self._map)}: {flash_headline(self._found)}\n", text_table(FLASH_HEADER, flash_rows(self._found))]
 
     def to_dict(self) -> dict[str, Any]:
         """Return the same, in SI units."""

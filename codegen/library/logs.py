@@ -36,13 +36,13 @@ class Log(Result):
         if isinstance(found, BusLog):
             yield from account.summary_lines(found)
             if len(found.frames):
-                yield from ("", text_table(account.CHANNEL_HEADER, account.channel_cells(found), left=2))
+                yield from ("", text_table(account.BUS_CHANNEL_HEADER, account.channel_cells(found), left=2))
                 yield from ("", text_table(account.IDENTIFIER_HEADER, account.identifier_cells(found), left=4))
         else:
             yield from measurement.summary_lines(found)
             yield from ("", text_table(measurement.GROUP_HEADER, measurement.group_cells(found), left=1))
             if found.channels:
-                yield from ("", text_table(measurement.CHANNEL_HEADER, measurement.channel_cells(found), left=3))
+                yield from ("", text_table(measurement.MEASUREMENT_CHANNEL_HEADER, measurement.channel_cells(found), left=3))
         yield from ("", *(self.findings or ["no findings"]))
 
     def to_dict(self) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from codegen.configuration import Config
 from codegen.emit.outputs import check_output
 from codegen.errors import CodegenError
 from codegen.judgement.map_warnings import beyond_grip
-from codegen.judgement.model import MISSING, Judgement, of_map
+from codegen.judgement.model import MISSING_RECORD, Judgement, of_map
 from codegen.library.configurations import ConfigLike, given_config
 from codegen.library.result import PathLike, Result, drawn, path_of, public
 from codegen.map_file import archive
@@ -157,7 +157,7 @@ class Map(Result):
     def to_dict(self) -> dict[str, Any]:
         """Return the summary and the judgement, as `codegen show --json` prints them."""
         config, path = self.config, self.path
-        stored = MISSING if config is None else of_map(self.reference_map, config)
+        stored = MISSING_RECORD if config is None else of_map(self.reference_map, config)
         where = {} if path is None else {"map": str(path)}
         return {**where, **map_summary(self.reference_map).to_dict(), "judgement": stored.to_dict()}
 

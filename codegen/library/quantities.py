@@ -47,5 +47,5 @@ class Kind:
         return Amount(size, found["number"] + unit)
 
 
-YAW_RATE = Kind("yaw rate", {"deg/s": math.pi / 180.0, "rad/s": 1.0}, "0.05deg/s")
-MEMORY = Kind("size", {"B": 1.0, "kB": 1e3, "KiB": 1024.0, "MB": 1e6, "MiB": 1048576.0}, "4KiB")
+YAW_RATE_KIND = Kind("yaw rate", {"deg/s": math.pi / 180.0, "rad/s": 1.0}, "0.05deg/s")
+MEMORY_KIND = Kind("size", {"B": 1.0, "kB": 1e3, "KiB": 1024.0, "MB": 1e6, "MiB": 1048576.0}, "4KiB")

@@ -32,7 +32,7 @@ from hil_sim.metrics.run import LookUp, column
 from hil_sim.metrics.run import Run as Recorded
 from hil_sim.metrics.verdict import Covers
 from hil_sim.scenario_files import with_settings
-from hil_sim.scenarios import DEFAULT, Scenario, find
+from hil_sim.scenarios import DEFAULT_SCENARIO, Scenario, find
 from hil_sim.settings import SPEED_RANGE_KM_H, STEERING_WHEEL_ANGLE_RANGE_DEG
 
 if TYPE_CHECKING:
@@ -148,7 +148,7 @@ class Run(Result):
             raise missing("xarray", "makes datasets", "to_xarray") from None
         import numpy as np
 
-        time, *others = exported.COLUMNS
+        time, *others = exported.EXPORT_COLUMNS
         tables = {
             each.name: (
                 ("car", time.name),
@@ -209,7 +209,7 @@ class Run(Result):
 @public
 def run(
     build: BuildLike,
-    scenario: str | Path = DEFAULT,
+    scenario: str | Path = DEFAULT_SCENARIO,
     *,
     map: MapLike | None = None,
     speed_km_h: SpeedKmH | None = None,

@@ -12,8 +12,15 @@ from codegen.library.configurations import ConfigLike, given_config, name_of
 from codegen.library.maps import Map
 from codegen.library.result import Progress, Work, public
 from codegen.map_file.map import Chosen, ReferenceMap, choose_config
-from codegen.optimum.solve import ACCELERATION, FRICTION, Method, solve_acceleration_stack, solve_case, solve_stack
-from codegen.optimum.uncertain import SHARE, UncertainMap, solve_uncertain
+from codegen.optimum.solve import (
+    ACCELERATION_ARGUMENT,
+    FRICTION_ARGUMENT,
+    Method,
+    solve_acceleration_stack,
+    solve_case,
+    solve_stack,
+)
+from codegen.optimum.uncertain import SHARE_ARGUMENT, UncertainMap, solve_uncertain
 from codegen.report.map_difference import map_difference
 from codegen.report.summary import map_summary
 
@@ -100,15 +107,15 @@ def solve(
         CodegenError: there is no such case, options exclude each other, or no point of the grid is feasible.
     """
     if friction is not None and longitudinal_acceleration is not None:
-        raise CodegenError("a map has one stack", where=ACCELERATION, remedy=f"leave it or {FRICTION} out")
+        raise CodegenError("a map has one stack", where=ACCELERATION_ARGUMENT, remedy=f"leave it or {FRICTION_ARGUMENT} out")
     if share is not None:
         is_given = {
-            FRICTION: friction is not None,
-            ACCELERATION: longitudinal_acceleration is not None,
+            FRICTION_ARGUMENT: friction is not None,
+            ACCELERATION_ARGUMENT: longitudinal_acceleration is not None,
             "`method='ipopt'`": method == "ipopt",
         }
         for argument in (argument for argument, value in is_given.items() if value):
-            raise CodegenError(f"cannot be combined with {SHARE}", where=argument, remedy="leave one of them out")
+            raise CodegenError(f"cannot be combined with {SHARE_ARGUMENT}", where=argument, remedy="leave one of them out")
     given = given_config(config)
     chosen = choose_config(None, given)
     title = f"solving {case}" + ("" if friction is None else f" for {len(friction)} frictions")

@@ -227,7 +227,7 @@ def _identifier_rows(log: BusLog) -> Iterator[dict[str, Any]]:
         }
 
 
-CHANNEL_HEADER = ("channel", "direction", "frames", "of which")
+BUS_CHANNEL_HEADER = ("channel", "direction", "frames", "of which")
 IDENTIFIER_HEADER = ("identifier", "message", "channel", "direction", "frames", "of which")
 
 

@@ -1,7 +1,7 @@
 """Extensions of the formats of logs. The command line imports this module at its start, so it imports nothing."""
 
-TABLES = (".csv", ".tsv", ".txt", ".dat")
-MEASUREMENTS = (*TABLES, ".parquet", ".mf4")
+TABLE_ENDINGS = (".csv", ".tsv", ".txt", ".dat")
+MEASUREMENTS = (*TABLE_ENDINGS, ".parquet", ".mf4")
 """Measurements. An MF4 may be the log of a bus as well."""
 LOGS = (".blf", ".asc", ".log", ".mf4")
 """Logs of a bus."""

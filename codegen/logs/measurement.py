@@ -20,10 +20,10 @@ from codegen.arrays import FloatArray
 from codegen.errors import CodegenError, one_line
 from codegen.files import refuse_empty, require_regular
 from codegen.importing import child, quantities, table
-from codegen.importing.rows import MISSING, TEXT, UNUSED, Count, Group, group_of, without
+from codegen.importing.rows import MISSING_CHANNEL, TEXT, UNUSED_GROUP, Count, Group, group_of, without
 from codegen.importing.source import TABLE_BYTES_MAX, ImportFault, read, text_of
 from codegen.limits import Limits
-from codegen.logs.formats import TABLES
+from codegen.logs.formats import TABLE_ENDINGS
 from codegen.logs.frames import BYTES_MAX
 from codegen.logs.text import are_differences
 
@@ -89,7 +89,7 @@ class Account:
         """Raise CodegenError if the account of a channel does not close."""
         for each in self.channels:
             group = self.groups[each.group]
-            in_data = group.rows - group.skipped.get(MISSING, (0, ""))[0]
+            in_data = group.rows - group.skipped.get(MISSING_CHANNEL, (0, ""))[0]
             if each.samples + sum(each.without.values()) != in_data:
                 what = f"its account does not close: {in_data} rows, {each.samples} samples, {dict(each.without)} without"
                 raise CodegenError(what, where=f"{self.path}: {each.channel}", remedy="report it with the file")
@@ -101,7 +101,7 @@ class Account:
             f"{count} of {group.rows} rows{_of(group)} are not read: {reason} (first: {place})"
             for group in self.groups
             for reason, (count, place) in group.skipped.items()
-            if reason != UNUSED
+            if reason != UNUSED_GROUP
         ]
         lines += [f"asammdf warns: {text}" for text in self.warnings]
         if self.clock == DIFFERENCES:
@@ -159,7 +159,9 @@ def open_measurement(path: Path, time: str | None = None, time_unit: str | None 
         CodegenError: it cannot be read.
     """
     kind = path.suffix.lower()
-    size = require_regular(path, TABLE_BYTES_MAX if kind in TABLES else BYTES_MAX, "name a log", smaller="give a shorter log")
+    size = require_regular(
+        path, TABLE_BYTES_MAX if kind in TABLE_ENDINGS else BYTES_MAX, "name a log", smaller="give a shorter log"
+    )
     refuse_empty(size, path)
     if kind == ".mf4":
         return _mf4(path)
@@ -361,7 +363,7 @@ def to_dict(account: Account) -> dict[str, Any]:
 
 
 GROUP_HEADER = ("group", "rows", "read", "first [s]", "duration [s]", "go back", "repeat")
-CHANNEL_HEADER = ("channel", "unit", "group", "samples", "without one")
+MEASUREMENT_CHANNEL_HEADER = ("channel", "unit", "group", "samples", "without one")
 
 
 def summary_lines(account: Account) -> list[str]:

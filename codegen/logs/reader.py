@@ -31,7 +31,7 @@ def read_frames(path: Path) -> tuple[Frames, FileAccount]:
             return found
         with limits.enforced(path):
             with library_warnings.collected() as warnings:
-                into, clock = READERS[kind](path)
+                into, clock = LOG_READERS[kind](path)
             return into.finish(clock, warnings)
     except CodegenError:
         raise
@@ -62,4 +62,4 @@ def _candump(path: Path) -> tuple[Collector, str]:
     return text.read_candump(path)
 
 
-READERS = {".blf": _blf, ".asc": _asc, ".log": _candump}
+LOG_READERS = {".blf": _blf, ".asc": _asc, ".log": _candump}

@@ -34,7 +34,7 @@ from codegen.files import write_atomically
 from codegen.map_file import archive, tables
 from codegen.map_file.bounds import MARKS
 from codegen.map_file.longitudinal import under_acceleration
-from codegen.map_file.tables import KEYS, UNITS, BindingArray
+from codegen.map_file.tables import KEYS, TABLE_UNITS, BindingArray
 from codegen.units import GRAVITY
 from codegen.vehicle.tyre import MagicFormulaTyre, grip_known, static_wheel_loads
 
@@ -58,12 +58,12 @@ def on_road(config: Config, friction: float) -> Config:
 
 def changed(config: Config, stack: tables.Stack, value: float) -> Config:
     """Return the configuration of a layer of a stack. Raises ConfigError: see `on_road` and `under_acceleration`."""
-    return under_acceleration(config, value) if stack is tables.ACCELERATION else on_road(config, value)
+    return under_acceleration(config, value) if stack is tables.ACCELERATION_STACK else on_road(config, value)
 
 
 def own_value(config: Config, stack: tables.Stack | None) -> float:
     """Return the value of a stack's quantity for which the map itself is; without a stack its friction."""
-    return 0.0 if stack is tables.ACCELERATION else config.road.friction
+    return 0.0 if stack is tables.ACCELERATION_STACK else config.road.friction
 
 
 SCHEMA_VERSION = 1
@@ -169,7 +169,7 @@ def make_meta(config: Config, case: str, method: str) -> dict[str, Any]:
         "case": case,
         "method": method,
         "configuration": config.model_dump(mode="json"),
-        "units": dict(UNITS),
+        "units": dict(TABLE_UNITS),
         "active_bits": {str(mark.flag.name).lower(): int(mark.flag) for mark in marks},
         "tools": {"codegen": __version__, "numpy": np.__version__},
     }
@@ -207,7 +207,7 @@ def from_arrays(arrays: Mapping[str, AnyArray], where: object) -> ReferenceMap:
         values = tables.read_stack_values(arrays, stack, where)
         if not values.size:
             continue
-        if stack is tables.ACCELERATION:
+        if stack is tables.ACCELERATION_STACK:
             tables.check_not_zero(values, where)
         elif config is not None:
             tables.check_below_design(values, config.road.friction, where)

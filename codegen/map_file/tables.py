@@ -22,7 +22,15 @@ BindingArray = npt.NDArray[np.unsignedinteger[Any]]
 LATERAL_ACCELERATION_MAX_G = 5.0  # far above any tyre: degrees taken for radians ask for more
 
 REQUIRED = ("vx", "delta_f", "yaw_rate")
-UNITS = {"vx": "m/s", "delta_f": "rad", "yaw_rate": "rad/s", "beta": "rad", "delta_r": "rad", "feasible": "1", "active": "1"}
+TABLE_UNITS = {
+    "vx": "m/s",
+    "delta_f": "rad",
+    "yaw_rate": "rad/s",
+    "beta": "rad",
+    "delta_r": "rad",
+    "feasible": "1",
+    "active": "1",
+}
 TABLES = ("yaw_rate", "beta", "delta_r", "feasible", "active")
 OPTIONAL_TABLES = ("beta", "delta_r", "active")
 """Tables without a default. Each is present in both the map and its stack, or in neither."""
@@ -52,12 +60,12 @@ class Stack(NamedTuple):
         return f"{self.title}{of} {value:g}{' ' if self.unit else ''}{self.unit}"
 
 
-FRICTION = Stack("friction", 0.01, "friction", "frictions")
+FRICTION_STACK = Stack("friction", 0.01, "friction", "frictions")
 """Step: the resolution of an estimate, and large enough to interpolate in single precision."""
-ACCELERATION = Stack("longitudinal_acceleration", 0.5, "acceleration", "accelerations", "m/s^2")
+ACCELERATION_STACK = Stack("longitudinal_acceleration", 0.5, "acceleration", "accelerations", "m/s^2")
 """m/s^2; negative while the car brakes. Step: the grip of the preset's car changes by 1.5 %."""
-STACKS = (FRICTION, ACCELERATION)
-KEYS = (*UNITS, *(key for stack in STACKS for key in (stack.key, *(stack.prefix + table for table in TABLES))), "meta")
+STACKS = (FRICTION_STACK, ACCELERATION_STACK)
+KEYS = (*TABLE_UNITS, *(key for stack in STACKS for key in (stack.key, *(stack.prefix + table for table in TABLES))), "meta")
 KINDS = {"b": "boolean", "c": "complex", "U": "text", "S": "text", "V": "record", "M": "date", "m": "duration", "O": "object"}
 
 MAX_LAYERS = 32
@@ -127,13 +135,13 @@ def check_keys(keys: Iterable[str], where: object) -> None:
             raise MapError(
                 "this key is missing",
                 where=f"{where}: {key}",
-                remedy=f"add it, in {UNITS[key]}; the file holds {', '.join(present) or 'nothing'}",
+                remedy=f"add it, in {TABLE_UNITS[key]}; the file holds {', '.join(present) or 'nothing'}",
             )
     for stack in STACKS:
         _check_stack_keys(present, stack, where)
     if all(stack.key in present for stack in STACKS):
-        remedy = f"leave out the keys of one, such as {ACCELERATION.key}"
-        raise MapError("a map has one stack at most", where=f"{where}: {ACCELERATION.key}", remedy=remedy)
+        remedy = f"leave out the keys of one, such as {ACCELERATION_STACK.key}"
+        raise MapError("a map has one stack at most", where=f"{where}: {ACCELERATION_STACK.key}", remedy=remedy)
 
 
 def unknown_keys(keys: Iterable[str]) -> tuple[str, ...]:
@@ -220,19 +228,19 @@ def read_stack_values(arrays: Mapping[str, AnyArray], stack: Stack, where: objec
 
 def check_not_zero(acceleration: FloatArray, where: object) -> None:
     """Reject accelerations (k,) of a stack at that of the map itself, zero. Raises MapError."""
-    for index in np.argwhere(np.abs(acceleration) < ACCELERATION.step - STEP_SLACK)[:1]:
+    for index in np.argwhere(np.abs(acceleration) < ACCELERATION_STACK.step - STEP_SLACK)[:1]:
         raise MapError(
-            f"{acceleration[index[0]]:.9g} is not at least {ACCELERATION.step:g} from zero, for which the map itself is",
-            where=_at(where, ACCELERATION.key, index),
+            f"{acceleration[index[0]]:.9g} is not at least {ACCELERATION_STACK.step:g} from zero, for which the map itself is",
+            where=_at(where, ACCELERATION_STACK.key, index),
             remedy="leave that layer out",
         )
 
 
 def check_below_design(friction: FloatArray, design: float, where: object) -> None:
     """Reject frictions (k,) of a stack unless all are below the design friction. Raises MapError."""
-    for index in np.argwhere(friction > design - FRICTION.step + STEP_SLACK)[:1]:
+    for index in np.argwhere(friction > design - FRICTION_STACK.step + STEP_SLACK)[:1]:
         raise MapError(
-            f"{friction[index[0]]:.9g} is not at least {FRICTION.step:g} below the friction of the map itself "
+            f"{friction[index[0]]:.9g} is not at least {FRICTION_STACK.step:g} below the friction of the map itself "
             f"(road.friction = {design:.9g})",
             where=_at(where, "friction", index),
             remedy="leave that layer out: the stack is for lower frictions",

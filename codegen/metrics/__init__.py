@@ -14,7 +14,7 @@ from codegen.metrics.step import SlipOfBound, StepResponse
 Figures = dict[str, FloatArray]
 """Name with its unit -> values (n,); NaN for runs without the figure. Yes and no are 1 and 0."""
 
-TABLES: Mapping[str, tuple[type[FigureTable], ...]] = {
+METRIC_TABLES: Mapping[str, tuple[type[FigureTable], ...]] = {
     "step": (StepResponse, SlipOfBound),
     "sine-with-dwell": (SineWithDwell, Extremes),
 }
@@ -25,11 +25,11 @@ def figures(kind: str, runs: Runs) -> Figures:
     """Return `spun_at_s` and the figures of a kind of scenario. Figures that a spin invalidates are NaN."""
     spun = spin_times(runs)
     found, limit = {"spun_at_s": spun}, np.where(np.isnan(spun), np.inf, spun)
-    for table in (kind_of_table(runs) for kind_of_table in TABLES[kind]):
+    for table in (kind_of_table(runs) for kind_of_table in METRIC_TABLES[kind]):
         for figure in table.figures():
             is_valid = np.minimum(table.until(figure.name), runs.time[-1]) < limit
             found[figure.name] = np.where(is_valid, getattr(table, figure.name), np.nan)
     return found
 
 
-__all__ = ["TABLES", "Extremes", "Figures", "Runs", "SineWithDwell", "SlipOfBound", "StepResponse", "figures"]
+__all__ = ["METRIC_TABLES", "Extremes", "Figures", "Runs", "SineWithDwell", "SlipOfBound", "StepResponse", "figures"]

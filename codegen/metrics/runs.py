@@ -15,7 +15,7 @@ from codegen.configuration.signals import RECORD_COLUMNS
 
 IndexArray = npt.NDArray[np.intp]
 
-COLUMNS = tuple(name for name in RECORD_COLUMNS if name not in ("time_s", "speed_m_s", "rear_angle_command_rad"))
+METRIC_COLUMNS = tuple(name for name in RECORD_COLUMNS if name not in ("time_s", "speed_m_s", "rear_angle_command_rad"))
 """Columns of a recording from which the figures are computed."""
 FINITE = RECORD_COLUMNS[1 : RECORD_COLUMNS.index("slip_rear_rad") + 1]
 """Columns that are finite while the car is on the road."""

@@ -124,8 +124,8 @@ CELL_BYTES = 3 * 8 + 2
 
 DESIGN_TOLERANCE = 1e-9
 
-FRICTION = "`friction=`"
-ACCELERATION = "`longitudinal_acceleration=`"
+FRICTION_ARGUMENT = "`friction=`"
+ACCELERATION_ARGUMENT = "`longitudinal_acceleration=`"
 """Arguments of `solve`, in messages."""
 
 
@@ -147,7 +147,9 @@ def solve_stack(
             roads (it falls with the friction).
         MapError: no operating point of the grid is feasible at one of the frictions, or the file would be too large.
     """
-    return _solve_layers(config, case, tables.FRICTION, FRICTION, lower_frictions(config, friction), method, progress)
+    return _solve_layers(
+        config, case, tables.FRICTION_STACK, FRICTION_ARGUMENT, lower_frictions(config, friction), method, progress
+    )
 
 
 def solve_acceleration_stack(
@@ -168,7 +170,7 @@ def solve_acceleration_stack(
         MapError: as `solve_stack`.
     """
     moving = moving_accelerations(acceleration)
-    return _solve_layers(config, case, tables.ACCELERATION, ACCELERATION, moving, method, progress)
+    return _solve_layers(config, case, tables.ACCELERATION_STACK, ACCELERATION_ARGUMENT, moving, method, progress)
 
 
 def _solve_layers(
@@ -208,21 +210,27 @@ def lower_frictions(config: Config, friction: Sequence[float]) -> tuple[float, .
     rising = sorted(friction, key=lambda value: (math.isnan(value), value))
     design, limits = config.road.friction, tables.PLAUSIBLE["friction"]
     if len(rising) < 2:
-        remedy = f"list lower ones with the map's own, such as 0.5,{design:g}, or leave {FRICTION} out"
-        raise ConfigError(f"{len(rising) or 'no'} friction, where two or more make a stack", where=FRICTION, remedy=remedy)
+        remedy = f"list lower ones with the map's own, such as 0.5,{design:g}, or leave {FRICTION_ARGUMENT} out"
+        raise ConfigError(
+            f"{len(rising) or 'no'} friction, where two or more make a stack", where=FRICTION_ARGUMENT, remedy=remedy
+        )
     if len(rising) > tables.MAX_LAYERS + 1:
-        raise ConfigError(f"{len(rising)} frictions", where=FRICTION, remedy=f"list at most {tables.MAX_LAYERS + 1}")
+        raise ConfigError(f"{len(rising)} frictions", where=FRICTION_ARGUMENT, remedy=f"list at most {tables.MAX_LAYERS + 1}")
     for value in rising:
         if not limits.low <= value <= limits.high:
-            raise ConfigError(f"{value:g} is outside {limits.low:g} to {limits.high:g}", where=FRICTION, remedy=limits.if_low)
+            raise ConfigError(
+                f"{value:g} is outside {limits.low:g} to {limits.high:g}", where=FRICTION_ARGUMENT, remedy=limits.if_low
+            )
     for left, right in pairwise(rising):
-        if right - left < tables.FRICTION.step - tables.STEP_SLACK:
+        if right - left < tables.FRICTION_STACK.step - tables.STEP_SLACK:
             what = f"{right:.9g} is there twice" if left == right else f"{left:.9g} and {right:.9g} are too close together"
-            raise ConfigError(what, where=FRICTION, remedy=f"leave {tables.FRICTION.step:g} or more between two frictions")
+            raise ConfigError(
+                what, where=FRICTION_ARGUMENT, remedy=f"leave {tables.FRICTION_STACK.step:g} or more between two frictions"
+            )
     if abs(rising[-1] - design) > DESIGN_TOLERANCE:
         raise ConfigError(
             f"the largest friction, {rising[-1]:.9g}, is not the one that the map itself is for, road.friction = {design:.9g}",
-            where=FRICTION,
+            where=FRICTION_ARGUMENT,
             remedy=f"set road.friction to {rising[-1]:.9g}, or let the list end with {design:.9g}",
         )
     return tuple(rising[:-1])
@@ -235,21 +243,21 @@ def moving_accelerations(acceleration: Sequence[float]) -> tuple[float, ...]:
         ConfigError: too few or too many, none is zero, one is outside the plausible range, or two are too close together.
     """
     rising = sorted(acceleration, key=lambda value: (math.isnan(value), value))
-    stack, limits = tables.ACCELERATION, tables.PLAUSIBLE[tables.ACCELERATION.key]
+    stack, limits = tables.ACCELERATION_STACK, tables.PLAUSIBLE[tables.ACCELERATION_STACK.key]
     if not 2 <= len(rising) <= tables.MAX_LAYERS + 1:
         remedy = f"list 2 to {tables.MAX_LAYERS + 1} with zero among them, such as -4,0,3"
-        raise ConfigError(f"{len(rising)} {stack.many}", where=ACCELERATION, remedy=remedy)
+        raise ConfigError(f"{len(rising)} {stack.many}", where=ACCELERATION_ARGUMENT, remedy=remedy)
     for value in rising:
         if not limits.low <= value <= limits.high:
             what = f"{value:g} is outside {limits.low:g} to {limits.high:g} {limits.unit}"
-            raise ConfigError(what, where=ACCELERATION, remedy="check the value and its unit, m/s^2")
+            raise ConfigError(what, where=ACCELERATION_ARGUMENT, remedy="check the value and its unit, m/s^2")
     for left, right in pairwise(rising):
         if right - left < stack.step - tables.STEP_SLACK:
             remedy = f"leave {stack.step:g} m/s^2 or more between two"
-            raise ConfigError(f"{left:.9g} and {right:.9g} are too close together", where=ACCELERATION, remedy=remedy)
+            raise ConfigError(f"{left:.9g} and {right:.9g} are too close together", where=ACCELERATION_ARGUMENT, remedy=remedy)
     if 0.0 not in rising:
         what = "no zero, the acceleration for which the map itself is"
-        raise ConfigError(what, where=ACCELERATION, remedy="add 0 to the list")
+        raise ConfigError(what, where=ACCELERATION_ARGUMENT, remedy="add 0 to the list")
     return tuple(value for value in rising if value != 0.0)
 
 
@@ -261,7 +269,7 @@ def layer_configs(reference_map: ReferenceMap, config: Config) -> tuple[Config, 
         ConfigError: see `on_road` and `under_acceleration`.
     """
     chosen = reference_map.config or config
-    if reference_map.quantity is tables.FRICTION:
+    if reference_map.quantity is tables.FRICTION_STACK:
         values = np.array([layer.value for layer in reference_map.layers], dtype=np.float64)
         tables.check_below_design(values, chosen.road.friction, "the map")
     return tuple(changed(chosen, layer.quantity, layer.value) for layer in reference_map.layers)

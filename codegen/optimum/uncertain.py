@@ -21,7 +21,7 @@ import numpy as np
 
 from codegen.arrays import BoolArray, FloatArray
 from codegen.configuration import Config, Tightening
-from codegen.configuration.tightening import FRACTION_MIN, SHARE_MAX, SHARE_MIN
+from codegen.configuration.tightening import CARS_SHARE_MAX, CARS_SHARE_MIN, FRACTION_MIN
 from codegen.errors import ConfigError, MapError
 from codegen.map_file.bounds import BOUNDS
 from codegen.map_file.map import ReferenceMap
@@ -29,8 +29,8 @@ from codegen.optimum.solve import solve_case
 from codegen.optimum.turns import turns_of
 from codegen.vehicle.population import draw, require_accepted
 
-SHARE = "`share=`"
-CONFIDENCE = 0.95
+SHARE_ARGUMENT = "`share=`"
+CONFIDENCE_LEVEL = 0.95
 EXPECTED_BEYOND = 20
 """Cars of the second sample that lie beyond the wanted share on average; more cars need less margin for the sample."""
 FIRST_CARS = 300
@@ -129,7 +129,7 @@ def lost_allowed(share: float, count: int) -> int:
     """
     from scipy.special import bdtr  # the binomial distribution; scipy.stats takes a second to import
 
-    return int(np.searchsorted(bdtr(np.arange(count + 1), count, 1.0 - share), 1.0 - CONFIDENCE, side="right")) - 1
+    return int(np.searchsorted(bdtr(np.arange(count + 1), count, 1.0 - share), 1.0 - CONFIDENCE_LEVEL, side="right")) - 1
 
 
 def solve_uncertain(config: Config, case: str, share: float, progress: Progress | None = None) -> UncertainMap:
@@ -146,12 +146,12 @@ def solve_uncertain(config: Config, case: str, share: float, progress: Progress 
             `solve_case` and `draw`.
         MapError: no limits that a map can have are enough; see also `solve_case`.
     """
-    if not SHARE_MIN <= share <= SHARE_MAX:
-        remedy = f"give a share from {SHARE_MIN:g} to {SHARE_MAX:g}, such as 0.99"
-        raise ConfigError(f"{share:g} is not such a share of the cars", where=SHARE, remedy=remedy)
+    if not CARS_SHARE_MIN <= share <= CARS_SHARE_MAX:
+        remedy = f"give a share from {CARS_SHARE_MIN:g} to {CARS_SHARE_MAX:g}, such as 0.99"
+        raise ConfigError(f"{share:g} is not such a share of the cars", where=SHARE_ARGUMENT, remedy=remedy)
     if not config.case(case).rear_steering:
         what = "without rear steering no car can follow the map of another one"
-        raise ConfigError(what, where=f"{SHARE}: [cases.{case}]", remedy="choose a case with rear_steering = true")
+        raise ConfigError(what, where=f"{SHARE_ARGUMENT}: [cases.{case}]", remedy="choose a case with rear_steering = true")
     require_accepted(config)
     whole, count = config.with_whole_limits.with_case(case), car_count(share)
     cars, allowed = draw(whole, count, SEED), lost_allowed(share, count)
@@ -162,7 +162,7 @@ def solve_uncertain(config: Config, case: str, share: float, progress: Progress 
     if found is None:
         raise MapError(
             f"no map is so tight that {count - allowed} of {count} cars keep the limits",
-            where=f"{SHARE}: [cases.{case}]",
+            where=f"{SHARE_ARGUMENT}: [cases.{case}]",
             remedy="measure with more excitation, relax [limits] or ask for a smaller share",
         )
     factor, tightest, lost = found

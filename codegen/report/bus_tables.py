@@ -128,7 +128,7 @@ _COLUMNS: dict[str, Callable[[FaultEntry], str]] = {
     "as defined": lambda entry: "yes" if not entry["violations"] else "; ".join(entry["violations"]),
     "seen": lambda entry: ", ".join(_condensed(entry["seen"])) or "nothing",
 }
-HEADER = tuple(_COLUMNS)
+FAULT_HEADER = tuple(_COLUMNS)
 
 
 def fault_data(outcomes: Sequence[FaultOutcome]) -> list[FaultEntry]:

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from codegen.figures.data import (
-    COLOURS,
     INK,
     MUTED,
+    SERIES_COLOURS,
     Chart,
     Picture,
     axis,
@@ -154,7 +154,7 @@ def markdown(summary: Summary, replay: str) -> str:
     return "\n\n".join([*parts, f"{sentence}\n\n```\n{command}\n```"]) + "\n"
 
 
-LINE_COLOURS = (*COLOURS, INK)
+LINE_COLOURS = (*SERIES_COLOURS, INK)
 DASHES = ("solid", "dash", "dashdot", "dot")
 LOG_FROM = 20.0
 """Ratio of the largest value to the medians or a drawn limit above which the axis is logarithmic outside the usual range."""

@@ -16,7 +16,7 @@ SERIES_STYLES = {
 }
 """StorageOption -> colour, marker, and name in the legend."""
 
-HEADER = (
+FLASH_HEADER = (
     "error [deg/s]",
     *(f"{way.name} [B]" for way in STORAGE_OPTIONS),
     *(f"{way.name} [%]" for way in STORAGE_OPTIONS),

@@ -18,7 +18,7 @@ from codegen.figures.data import BLUE, EMPTY, INK, ORANGE, Chart, Picture, entry
 from codegen.figures.maps import INFEASIBLE_NAME, NamedMap, category_trace, colour_limits, heat_map, map_layout
 from codegen.map_file.bounds import MARKS
 from codegen.map_file.map import ReferenceMap
-from codegen.map_file.tables import ACCELERATION, FRICTION
+from codegen.map_file.tables import ACCELERATION_STACK, FRICTION_STACK
 from codegen.optimum.nonlinear import ABOVE, SlipUse, slip_use
 from codegen.report.summary import TYRE, map_summary
 from codegen.units import KM_H
@@ -212,9 +212,9 @@ def caveats(one: ReferenceMap, other: ReferenceMap) -> list[str]:
     """Return the limitations of a comparison."""
     told = []
     quantities = one.quantity, other.quantity
-    if FRICTION in quantities:
+    if FRICTION_STACK in quantities:
         told.append("of a stack, the map for its highest friction is compared")
-    if ACCELERATION in quantities:
+    if ACCELERATION_STACK in quantities:
         told.append("of a stack, the map at constant speed is compared")
     if not (np.array_equal(one.speed, other.speed) and np.array_equal(one.front_angle, other.front_angle)):
         told.append("the maps have different breakpoints: compared on those of the first")

@@ -25,7 +25,15 @@ from codegen.figures.curves import tyre_picture
 from codegen.figures.data import AFTER_STEP, VERMILION, WHITE, Picture, points, text
 from codegen.figures.draw import draw, save
 from codegen.figures.maps import NamedMap, front_angle_cut_picture, phase_lines, three_maps_picture, yaw_rate_chart
-from codegen.figures.paper_tables import CASES, RUNS, TABLE_FRONT_ANGLE_DEG, TableRow, optimum_rows, optimum_table, run_table
+from codegen.figures.paper_tables import (
+    CASE_OF_RUN,
+    CASES,
+    TABLE_FRONT_ANGLE_DEG,
+    TableRow,
+    optimum_rows,
+    optimum_table,
+    run_table,
+)
 from codegen.figures.runs import MOTION_PANELS, column, run_chart, run_picture
 from codegen.files import make_folder, write_atomically
 from codegen.map_file import map as npz
@@ -42,7 +50,7 @@ from hil_sim.bench import run, run_through_can
 from hil_sim.fault_catalogue import run_all
 from hil_sim.logs import save_csv
 from hil_sim.metrics import Evaluation, evaluate, step_metrics
-from hil_sim.scenarios import DEFAULT, find
+from hil_sim.scenarios import DEFAULT_SCENARIO, find
 
 PASSIVE = "passive car"
 
@@ -75,7 +83,7 @@ class Reproduction:
             "The paper's three rows fit 43.35 km/h better than the 43.9 km/h that it names: it was most likely read one",
             "grid column beside its label. Both speeds are shown, and no parameter is bent to hide the difference.",
             "",
-            f"Closed loop: {find(DEFAULT).title}, two-track plant, controller in generated C",
+            f"Closed loop: {find(DEFAULT_SCENARIO).title}, two-track plant, controller in generated C",
             "",
             text_table(("", *self.evaluation.runs), metric_rows(self.evaluation)),
             "",
@@ -101,7 +109,12 @@ def reproduce(folder: Path, done: Callable[[int, int, str], None] | None = None)
     Raises:
         CodegenError: the folder cannot be written, there is no compiler, or a self-test fails.
     """
-    parts = (*(f"map {title}" for title in CASES.values()), *(f"C and run of {name}" for name in RUNS), "pictures", "report")
+    parts = (
+        *(f"map {title}" for title in CASES.values()),
+        *(f"C and run of {name}" for name in CASE_OF_RUN),
+        "pictures",
+        "report",
+    )
     finished = itertools.count()
 
     def begin() -> None:
@@ -118,9 +131,9 @@ def reproduce(folder: Path, done: Callable[[int, int, str], None] | None = None)
         maps[case] = solve_case(config, case)
         outputs[f"map {title}"] = folder / f"{case.replace('-', '')}.npz"
         npz.save(maps[case], outputs[f"map {title}"])
-    manoeuvre = find(DEFAULT)
+    manoeuvre = find(DEFAULT_SCENARIO)
     records, built = {}, {}
-    for name, case in RUNS.items():
+    for name, case in CASE_OF_RUN.items():
         begin()
         map_path = outputs[f"map {CASES[case]}"]
         prepared = prepare(map_path, target=folder / "generated" / map_path.stem)
@@ -144,7 +157,7 @@ def reproduce(folder: Path, done: Callable[[int, int, str], None] | None = None)
 
 
 def _draw(folder: Path, config: Config, maps: Mapping[str, ReferenceMap], records: Mapping[str, Any]) -> dict[str, Path]:
-    step = find(DEFAULT)
+    step = find(DEFAULT_SCENARIO)
     after = run_chart(records, config, step.title, origin=step.steer_time, time_label=AFTER_STEP)
     pictures = {
         "maps": three_maps_picture(maps),
@@ -152,7 +165,7 @@ def _draw(folder: Path, config: Config, maps: Mapping[str, ReferenceMap], record
         "tyres": tyre_picture(config),
         "c1-c2": run_picture(after, step.title),
         "overview": overview_picture(
-            maps[RUNS["C1"]],
+            maps[CASE_OF_RUN["C1"]],
             records,
             f"The paper's yaw-rate map 4WS-2, road friction {config.road.friction:g}",
             step.steer_time,
@@ -172,7 +185,7 @@ def _report(
     if importlib.util.find_spec("plotly") is None:
         return {}
     named = [NamedMap(CASES[case], reference_map) for case, reference_map in maps.items()]
-    named.sort(key=lambda one: one.map.case != RUNS["C1"])  # the report is about the first map
+    named.sort(key=lambda one: one.map.case != CASE_OF_RUN["C1"])  # the report is about the first map
     material = Material(
         named[0],
         named[1:],
@@ -180,7 +193,7 @@ def _report(
         configured=True,
         build=folder / "generated" / "4ws2",
         runs=records,
-        scenario=find(DEFAULT),
+        scenario=find(DEFAULT_SCENARIO),
         loops={"C1": config},
         notes=("C1 is the paper's PI on the 4WS-2 map, C2 the same on the FWS map. Errors to the map are to the 4WS-2 map.",),
         of_paper=True,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from codegen.text import text_table
 from hil_sim.scenarios import PATH_SCENARIOS
-from hil_sim.suite.cars import PLANTS, SHARES, SPEEDS_KM_H
+from hil_sim.suite.cars import CARS_ANGLE_SHARES, CARS_SPEEDS_KM_H, PLANTS
 from hil_sim.suite.cells import NOMINAL, lags
 from hil_sim.suite.controller_properties import TIMINGS, compare_rise
 from hil_sim.suite.tracking import STRUCTURE_SET
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from hil_sim.suite.tracking import SuiteResult
 
 WIDTH = 120
-SPUN, NONE = "spin", "-"
+SPUN, NO_VALUE = "spin", "-"
 BASELINE = "pi"
 """Baseline for the cost of a controller."""
 
@@ -69,7 +69,7 @@ def wrapped(text: str) -> str:
 
 
 def _number(value: float | None, digits: int) -> str:
-    return NONE if value is None else f"{round(value, digits) + 0.0:.{digits}f}"
+    return NO_VALUE if value is None else f"{round(value, digits) + 0.0:.{digits}f}"
 
 
 # --- requirements ------------------------------------------------------------------------------------------------------
@@ -97,7 +97,7 @@ def requirement_table(rows: Sequence[Requirement]) -> str:
 def measured_text(row: Requirement) -> str:
     """Return the value with its unit."""
     if row.measured is None:
-        return NONE
+        return NO_VALUE
     digits = 0 if row.measured == int(row.measured) and not row.unit else 2
     return f"{_number(row.measured, digits)} {row.unit}".rstrip()
 
@@ -133,7 +133,9 @@ _CAR_FIGURES = (
 
 def car_sections(result: CarsResult) -> Iterator[tuple[str, str]]:
     """Yield titles and texts of `codegen suite cars`."""
-    speeds, shares = (_listed([f"{value:g}" for value in values]) for values in (SPEEDS_KM_H, (100.0 * s for s in SHARES)))
+    speeds, shares = (
+        _listed([f"{value:g}" for value in values]) for values in (CARS_SPEEDS_KM_H, (100.0 * s for s in CARS_ANGLE_SHARES))
+    )
     yield (
         "Random cars: mass, wheelbase, understeer gradient, largest rear angle, actuator lag",
         "\n".join(f"{car.title}: {'all limits met' if car.passed else _car_faults(car)}" for car in result.cars),
@@ -160,15 +162,15 @@ def _car_row(car: CarResult, plant: str) -> tuple[str, ...]:
         f"car {car.number}",
         *(_placed(getattr(summary, name), digits) for _, name, digits in _CAR_FIGURES),
         _placed(summary.slip_percent, 1),
-        str(len(summary.spins)) if summary.spins else NONE,
-        NONE if margins is None else f"{margins.gain_margin_db:.1f} / {margins.phase_margin_deg:.0f}",
+        str(len(summary.spins)) if summary.spins else NO_VALUE,
+        NO_VALUE if margins is None else f"{margins.gain_margin_db:.1f} / {margins.phase_margin_deg:.0f}",
     )
 
 
 def _placed(found: Extreme | None, digits: int) -> str:
     """Return a figure and its cell: "4.8 at 120/50", km/h and percent of the feasible angle."""
     if found is None:
-        return NONE
+        return NO_VALUE
     share = "" if found.cell.share is None else f"/{100.0 * found.cell.share:g}"
     return f"{_number(found.value, digits)} at {found.cell.speed_km_h:g}{share}"
 
@@ -198,7 +200,7 @@ def condition_tables(result: SuiteResult) -> Iterator[tuple[str, str]]:
         ("Largest errors to the map over the cells: of the steady yaw rate / of its peak (%)", _map_error),
         ("Settling time to 2 %, slowest cell (s); or how many cells never settle", _settling),
         ("Largest |sideslip| (deg)", lambda each: _extreme(each.sideslip_max_deg)),
-        (f"Spins, of {count} cells", lambda each: str(len(each.spins)) if each.spins else NONE),
+        (f"Spins, of {count} cells", lambda each: str(len(each.spins)) if each.spins else NO_VALUE),
     )
     for title, text in figures:
         rows = [
@@ -213,13 +215,13 @@ def condition_tables(result: SuiteResult) -> Iterator[tuple[str, str]]:
 
 def _overshoot(summary: Summary) -> str:
     if summary.overshoot_percent is None:
-        return NONE
+        return NO_VALUE
     return f"{_number(summary.overshoot_mean_percent, 1)} / {_number(summary.overshoot_percent.value, 1)}"
 
 
 def _map_error(summary: Summary) -> str:
     if summary.map_error_percent is None or summary.map_overshoot_percent is None:
-        return NONE
+        return NO_VALUE
     return f"{summary.map_error_percent.value:+.1f} / {summary.map_overshoot_percent.value:+.1f}"
 
 
@@ -230,7 +232,7 @@ def _settling(summary: Summary) -> str:
 
 
 def _extreme(found: Extreme | None) -> str:
-    return NONE if found is None else _number(found.value, 2)
+    return NO_VALUE if found is None else _number(found.value, 2)
 
 
 def _cells_text(result: SuiteResult) -> str:
@@ -296,7 +298,7 @@ def rise_table(result: SuiteResult) -> str:
     """Return a table with a row for each speed."""
     rows = []
     for at in zip(*(result.rise_times[name] for name in result.subjects), strict=True):
-        texts = [NONE if one.mean_s is None else f"{one.mean_s:.2f} / {_number(one.largest_s, 2)}" for one in at]
+        texts = [NO_VALUE if one.mean_s is None else f"{one.mean_s:.2f} / {_number(one.largest_s, 2)}" for one in at]
         rows.append((f"{at[0].speed_km_h:g} km/h", *texts))
     return text_table(("", *result.subjects), rows)
 

@@ -12,7 +12,7 @@ import numpy as np
 from codegen.map_file.bounds import BOUNDS, binding_text
 from codegen.map_file.longitudinal import like_friction
 from codegen.map_file.map import ReferenceMap
-from codegen.map_file.tables import ACCELERATION, FRICTION
+from codegen.map_file.tables import ACCELERATION_STACK, FRICTION_STACK
 from codegen.units import KM_H
 
 if TYPE_CHECKING:
@@ -213,7 +213,7 @@ def map_summary(reference_map: ReferenceMap) -> MapSummary:
         stack=tuple(
             LayerSummary(layer.value, int(layer.map.feasible.sum()), _lateral_acceleration_max(layer.map))
             for layer in reference_map.layers
-            if layer.quantity is FRICTION
+            if layer.quantity is FRICTION_STACK
         ),
         acceleration_stack=tuple(
             AccelerationSummary(
@@ -223,7 +223,7 @@ def map_summary(reference_map: ReferenceMap) -> MapSummary:
                 None if reference_map.config is None else like_friction(reference_map.config, layer.value),
             )
             for layer in reference_map.layers
-            if layer.quantity is ACCELERATION
+            if layer.quantity is ACCELERATION_STACK
         ),
         tightening=_tightening(reference_map),
     )

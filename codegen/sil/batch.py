@@ -33,7 +33,7 @@ from codegen.errors import BuildError
 from codegen.sil.closed_loop import INPUT_COLUMNS, PREVIEW_POINTS
 from codegen.sil.compile import Mode, compile_library
 from codegen.sil.software import RECORD_COLUMNS, Software, require_can_side
-from codegen.sil.vector import FLAGS, FUNCTIONS, ISAS, Isa, best_isa, compiler_offers, is_vectorised, machine_runs
+from codegen.sil.vector import FUNCTIONS, ISAS, VECTOR_FLAGS, Isa, best_isa, compiler_offers, is_vectorised, machine_runs
 from codegen.vehicle.dynamics import ParametricModel, two_track_of_parameters
 from codegen.vehicle.plant_car import OPTIONAL_PARTS, PLANT_PARAMETERS, optional_parts
 
@@ -433,7 +433,7 @@ def compile_batch(
             sources,
             [*public, "batch/batch.h"],
             include_folders=("include", "batch"),
-            unit_flags={PLANT_UNIT: FLAGS[level]},
+            unit_flags={PLANT_UNIT: VECTOR_FLAGS[level]},
             mode=mode,
         )
         if is_vectorised(library, level):

@@ -32,7 +32,7 @@ _COMMON = (
     "-fno-trapping-math",
     "-DBATCH_VECTOR_LIBRARY",
 )
-FLAGS: dict[Isa, tuple[str, ...]] = {
+VECTOR_FLAGS: dict[Isa, tuple[str, ...]] = {
     "x86-64-v4": (*_COMMON, "-march=x86-64-v4", "-mprefer-vector-width=512"),
     "x86-64-v3": (*_COMMON, "-march=x86-64-v3", "-mprefer-vector-width=256"),
     "none": (),
@@ -96,7 +96,7 @@ def _probed(compiler: tuple[str, ...], isa: Isa) -> bool:
     del compiler  # only a key of the cache; compile_library finds the compiler itself
     try:
         library = compile_library(
-            "vector_probe", _PROBE, ["probe.h"], include_folders=(".",), unit_flags={"probe.c": FLAGS[isa]}
+            "vector_probe", _PROBE, ["probe.h"], include_folders=(".",), unit_flags={"probe.c": VECTOR_FLAGS[isa]}
         )
     except BuildError:
         return False

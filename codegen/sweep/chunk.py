@@ -14,7 +14,7 @@ import numpy.typing as npt
 from codegen.arrays import FloatArray
 from codegen.errors import BuildError, within
 from codegen.metrics import Figures, figures
-from codegen.metrics.runs import COLUMNS, Runs
+from codegen.metrics.runs import METRIC_COLUMNS, Runs
 from codegen.sil.batch import BatchSoftware, Lanes, compile_batch
 from codegen.sil.software import RECORD_COLUMNS
 from codegen.sil.vector import best_isa, machine_runs
@@ -88,7 +88,7 @@ def run_chunk(plan: Plan, chunk: int) -> Table:
         every = lanes.lanes(plan.spec, samples, place, profile, plan.config, drawn, driven)
         for index, controller in enumerate(plan.controllers):
             batch = replace(every, controlled=controller.controlled)
-            record = software(plan, controller).run(profile.inputs, batch, columns=COLUMNS)
+            record = software(plan, controller).run(profile.inputs, batch, columns=METRIC_COLUMNS)
             number = (np.arange(samples.start, samples.stop) * len(plan.profiles) + place) * len(plan.controllers) + index
             tables.append(
                 {
@@ -115,7 +115,7 @@ def _varied(factors: Mapping[str, FloatArray], driven: lanes.Conditions) -> Tabl
 def _map_yaw_rate(plan: Plan, controller: Controller, driven: lanes.Conditions, record: FloatArray) -> FloatArray:
     """Return the map's yaw rate (n,) in rad/s at the end of a recording (columns, samples, n), columns COLUMNS."""
     look_up = software(plan, controller).software.function("map_yaw_rate_on_road")
-    front_angle = record[COLUMNS.index("front_angle_rad"), -1]
+    front_angle = record[METRIC_COLUMNS.index("front_angle_rad"), -1]
     places = zip(driven.speed_km_h * KM_H, front_angle, driven.friction_estimate, strict=True)
     return np.array([look_up(*place) for place in places])
 
@@ -124,7 +124,7 @@ def _figures(plan: Plan, profile: Profile, record: FloatArray, batch: Lanes, map
     """Return the figures of a recording (columns, samples, n), columns COLUMNS."""
     runs = Runs(
         time=np.arange(record.shape[1], dtype=np.float64) * plan.config.controller.sampling_time_s,
-        signals=dict(zip(COLUMNS, record, strict=True)),
+        signals=dict(zip(METRIC_COLUMNS, record, strict=True)),
         steer_time=profile.steer_time,
         steering_ratio=batch.cars[:, STEERING_RATIO],
         mass=batch.cars[:, MASS],
@@ -180,7 +180,7 @@ def replay(plan: Plan, run: int) -> Replayed:
         record = software(plan, controller).run(profile.inputs, batch)
         records[controller.name] = np.ascontiguousarray(record[:, :, 0].T)
         if controller is own:
-            places = [RECORD_COLUMNS.index(name) for name in COLUMNS]
+            places = [RECORD_COLUMNS.index(name) for name in METRIC_COLUMNS]
             conditions = lanes.Conditions(**{name: values[[at]] for name, values in asdict(driven).items()})
             of_map = _map_yaw_rate(plan, controller, conditions, record[places])
             figures_of_run = _figures(plan, profile, record[places], batch, of_map)

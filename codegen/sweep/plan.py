@@ -21,7 +21,7 @@ from codegen.emit.folder import read_files, verify_hashes
 from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError, ConfigError, suggestion, within
 from codegen.map_file.map import ReferenceMap
-from codegen.metrics import TABLES
+from codegen.metrics import METRIC_TABLES
 from codegen.sil.batch import Isa, best_isa
 from codegen.sweep import measured
 from codegen.sweep import spec as specification
@@ -260,15 +260,15 @@ def _profile(spec: Spec, name: str, config: Config, path: Path) -> Profile:
     place = f"{path}: scenarios"
     is_file = name not in SCENARIOS and Path(name).suffix.lower() in (".csv", ".toml")
     if not is_file and name not in SCENARIOS:
-        here = [each.name for each in SCENARIOS.values() if each.kind in TABLES and not each.faults]
+        here = [each.name for each in SCENARIOS.values() if each.kind in METRIC_TABLES and not each.faults]
         remedy = f"known here: {', '.join(here)}, or a .csv or .toml file{suggestion(name, here)}"
         raise ConfigError(f"there is no scenario {name!r}", where=place, remedy=remedy)
     try:
         scenario = find(str(path.parent / name) if is_file else name, config)
     except CodegenError as error:
         raise ConfigError(error.what, where=f"{place}: {error.where}", remedy=error.remedy) from None
-    if scenario.kind not in TABLES:
-        known = " and ".join(TABLES)
+    if scenario.kind not in METRIC_TABLES:
+        known = " and ".join(METRIC_TABLES)
         raise ConfigError(
             f"{scenario.name} has no figures for a campaign", where=place, remedy=f"take scenarios of the kinds {known}"
         )

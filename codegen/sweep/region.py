@@ -30,8 +30,8 @@ from codegen.sweep.lanes import cars
 from codegen.units import KM_H
 from codegen.vehicle.single_track import SingleTrack
 
-SPEEDS_KM_H = tuple(float(speed) for speed in range(20, 381, 20))
-FRICTIONS = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
+REGION_SPEEDS_KM_H = tuple(float(speed) for speed in range(20, 381, 20))
+REGION_FRICTIONS = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 MASSES_PERCENT = (-20.0, 0.0, 20.0)
 TURN_SHARE = 0.5
 """Lateral acceleration of the turn, as a fraction of friction times gravity."""
@@ -232,7 +232,7 @@ def region(config: Config) -> Region | None:
     model = SingleTrack.from_config(config).critical_speed / KM_H if law_of(config).uses_reference_model else math.inf
     return Region(
         speeds_of(config),
-        FRICTIONS,
+        REGION_FRICTIONS,
         MASSES_PERCENT,
         straight.gain_margin_db.reshape(shape),
         straight.phase_margin_deg.reshape(shape),
@@ -268,13 +268,13 @@ def _gains_about(limit: FloatArray) -> list[FloatArray]:
 
 def speeds_of(config: Config) -> tuple[float, ...]:
     """Return those of SPEEDS_KM_H below the last speed of `margin_range_km_h`, and that speed or the last of them."""
-    last = min(margin_range_km_h(config)[1], SPEEDS_KM_H[-1])
-    return (*(speed for speed in SPEEDS_KM_H if speed < last), last)
+    last = min(margin_range_km_h(config)[1], REGION_SPEEDS_KM_H[-1])
+    return (*(speed for speed in REGION_SPEEDS_KM_H if speed < last), last)
 
 
 def _grid(config: Config) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return mass in %, friction and speed in m/s, (masses, frictions, speeds) each."""
-    found = np.meshgrid(MASSES_PERCENT, FRICTIONS, np.array(speeds_of(config)) * KM_H, indexing="ij")
+    found = np.meshgrid(MASSES_PERCENT, REGION_FRICTIONS, np.array(speeds_of(config)) * KM_H, indexing="ij")
     return found[0], found[1], found[2]
 
 

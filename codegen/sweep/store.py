@@ -29,7 +29,7 @@ from codegen.sweep.chunk import Table
 from codegen.sweep.plan import Plan
 from codegen.sweep.versions import versions
 
-WHOLE = ("run", "sample")
+WHOLE_COLUMNS = ("run", "sample")
 YES_NO = ("settled", "meets_fmvss_126")
 NAMES = ("scenario", "controller")
 ROWS_PER_GROUP = 2**13
@@ -46,7 +46,7 @@ READING: Mapping[str, Any] = {"page_checksum_verification": True, "pre_buffer": 
 
 FACTS_BYTES_MAX = 2**24
 PART_BYTES_MAX = 2**30
-FACTS, PARTS, RUNS = "campaign.json", "parts", "runs.parquet"
+FACTS, PARTS, RUNS_FILE = "campaign.json", "parts", "runs.parquet"
 
 
 def require_pyarrow() -> None:
@@ -81,8 +81,8 @@ def open_folder(folder: Path, plan: Plan) -> set[int]:
         write_atomically(folder / FACTS, text)
     elif there != text:
         raise _other(there, plan, folder, "name another folder, or remove this one")
-    if (folder / RUNS).is_file():
-        _check_finished(folder / RUNS, plan)
+    if (folder / RUNS_FILE).is_file():
+        _check_finished(folder / RUNS_FILE, plan)
         shutil.rmtree(folder / PARTS, ignore_errors=True)
         return set(range(plan.chunk_count))
     with _Writable(folder):
@@ -195,7 +195,7 @@ def part_path(folder: Path, chunk: int) -> Path:
 
 def kept(folder: Path, plan: Plan) -> int:
     """Return the number of complete chunks."""
-    if (folder / RUNS).is_file():
+    if (folder / RUNS_FILE).is_file():
         return plan.chunk_count
     return sum(1 for _ in (folder / PARTS).glob("[0-9]*.parquet"))
 
@@ -222,7 +222,7 @@ def to_arrow(table: Table, plan: Plan) -> Any:
     }
     columns = {}
     for name, values in table.items():
-        if name in WHOLE:
+        if name in WHOLE_COLUMNS:
             columns[name] = pa.array(values.astype(np.int64))
         elif name in NAMES:
             columns[name] = pa.DictionaryArray.from_arrays(pa.array(values.astype(np.int8)), pa.array(names[name]))
@@ -247,10 +247,10 @@ def merge(folder: Path, plan: Plan) -> Path:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    target = folder / RUNS
+    target = folder / RUNS_FILE
     if target.is_file():
         return target
-    temporary = folder / f".{RUNS}.tmp"
+    temporary = folder / f".{RUNS_FILE}.tmp"
     try:
         with _Writable(folder), deferred() as stop_if_asked:
             writer = None
@@ -316,7 +316,7 @@ def read_batches(path: Path) -> Iterator[dict[str, npt.NDArray[Any]]]:
 
 
 def _values(name: str, column: Any) -> npt.NDArray[Any]:
-    if name in WHOLE:
+    if name in WHOLE_COLUMNS:
         return np.asarray(column.to_numpy())
     if name in NAMES:
         # Each name is stored once and each row has a code: a string for each row would take more memory than the figures.

@@ -22,9 +22,9 @@ from codegen.vehicle.tyre import MagicFormulaTyre, static_wheel_loads
 TRIES_MAX = 1000
 """Draws for each car until one has values that an `ars.toml` may have: one car in 20,000 misses a window that 1 % of the draws
 meet."""
-COVERAGE = 0.95
+BAND_SHARE = 0.95
 """Share of the drawn cars inside a band."""
-BAND = (0.5 * (1.0 - COVERAGE), 0.5 * (1.0 + COVERAGE))
+BAND = (0.5 * (1.0 - BAND_SHARE), 0.5 * (1.0 + BAND_SHARE))
 """Quantiles at the ends of a band."""
 INTERVAL_DEVIATIONS = 1.96
 """Half of the width of a 95 % interval in standard deviations."""

@@ -29,7 +29,7 @@ NEXT_RELEASE = {"bookworm": "trixie"}
 """Debian release that has a CBMC, by the release that has none."""
 PACKAGES = ("cbmc", "libc6", "libstdc++6", "libgcc-s1", "zlib1g", "minisat")
 """The packages that CBMC needs, its C library included."""
-PROGRAMS = ("cbmc", "goto-cc", "goto-instrument")
+CBMC_PROGRAMS = ("cbmc", "goto-cc", "goto-instrument")
 """The programs of CBMC that proofs use."""
 KEYRING = Path("/usr/share/keyrings/debian-archive-keyring.gpg")
 _LAUNCHER = """#!/bin/sh
@@ -53,7 +53,7 @@ class Cbmc:
 def installed() -> Cbmc:
     """Return the installed CBMC. Raises MissingTool: one of its programs, or Bitwuzla, is not installed."""
     path = os.pathsep.join((str(cache_folder() / "cbmc" / "bin"), os.environ.get("PATH", "")))
-    for name in (*PROGRAMS, "bitwuzla"):
+    for name in (*CBMC_PROGRAMS, "bitwuzla"):
         if shutil.which(name, path=path) is None:
             raise MissingTool("it is not installed", where=name, remedy=INSTALL)
     return Cbmc({**os.environ, "PATH": path})
@@ -72,7 +72,7 @@ def install(folder: Path) -> None:
     libraries = next(root.glob("usr/lib/*/libc.so.6")).parent
     loader = next(libraries.glob("ld-linux*.so.*"))
     paths = {"loader": str(loader), "libraries": f"{libraries}:{root / 'usr/lib'}"}
-    for name in PROGRAMS:
+    for name in CBMC_PROGRAMS:
         words = {**paths, "program": str(root / "usr/bin" / name)}
         _write_command(commands / name, _LAUNCHER.format(**{key: shlex.quote(word) for key, word in words.items()}))
     _run(sys.executable, "-m", "pip", "install", "--quiet", "--upgrade", "--target", str(wheels), "bitwuzla")

@@ -12,7 +12,7 @@ import numpy as np
 from codegen.configuration import Config
 from codegen.emit.text import Precision
 from codegen.sil.software import Measurement
-from codegen.verify.drives import NUMBERS, gaps_of
+from codegen.verify.drives import NUMBER_ROLES, gaps_of
 from codegen.verify.traffic import Cycle, frames_of
 from hil_sim.codec import Codec
 from hil_sim.e2e import next_counter
@@ -65,7 +65,7 @@ def drive(
         fields[rng.integers(len(fields)), column] = rng.choice(nonsense)
     fields[:3, spells(0.006, 20)] = math.nan
     rows = zip(fields.T.tolist(), inhibit.tolist(), strict=True)
-    return [Measurement(**dict(zip(NUMBERS, row, strict=False)), inhibit=inhibited) for row, inhibited in rows]
+    return [Measurement(**dict(zip(NUMBER_ROLES, row, strict=False)), inhibit=inhibited) for row, inhibited in rows]
 
 
 LIFE = 150

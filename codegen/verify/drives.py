@@ -32,10 +32,10 @@ from hil_sim.plant_node import PlantNode
 from hil_sim.scenarios import SCENARIOS
 
 Samples = npt.NDArray[np.float32]
-"""Consecutive samples, (samples, 7) by COLUMNS: the fields of `Measurement` that every build has, `inhibit` as 0 or 1."""
+"""Consecutive samples, (samples, 7) by DRIVE_COLUMNS: the fields of `Measurement` that every build has, `inhibit` as 0 or 1."""
 
-COLUMNS = tuple(each.role for each in MEASURED if each.is_used and not each.is_extra)
-NUMBERS = tuple(each.role for each in MEASURED if each.is_used and each.is_real)
+DRIVE_COLUMNS = tuple(each.role for each in MEASURED if each.is_used and not each.is_extra)
+NUMBER_ROLES = tuple(each.role for each in MEASURED if each.is_used and each.is_real)
 """Numbers of a measurement that the controller uses, in order."""
 
 DELAY_SAMPLES = 1
@@ -54,7 +54,7 @@ YAW_RATE_NOISE = 1e-3
 
 def measurements_of(drive: Samples) -> list[Measurement]:
     """Convert an array to measurements."""
-    rows = (dict(zip(COLUMNS, row, strict=True)) for row in drive.tolist())
+    rows = (dict(zip(DRIVE_COLUMNS, row, strict=True)) for row in drive.tolist())
     return [Measurement(**{**row, "inhibit": bool(row["inhibit"])}) for row in rows]
 
 
@@ -247,13 +247,13 @@ def are_faults_defined_for(config: Config) -> bool:
 def drives_of(thresholds: Thresholds, samples: int) -> tuple[Samples, ...]:
     """Return drives of the given length: plausible ones with gaps of each length, then arbitrary bit patterns."""
     generator = np.random.default_rng(1)
-    patterns = generator.integers(0, 2**32, size=(samples, len(COLUMNS)), dtype=np.uint32).view(np.float32)
+    patterns = generator.integers(0, 2**32, size=(samples, len(DRIVE_COLUMNS)), dtype=np.uint32).view(np.float32)
     patterns[:, -1] = generator.integers(0, 2, size=samples)
-    special = generator.choice(np.array(SPECIAL, dtype=np.float32), size=(samples, len(COLUMNS)))
+    special = generator.choice(np.array(SPECIAL, dtype=np.float32), size=(samples, len(DRIVE_COLUMNS)))
     special[:, -1] = generator.integers(0, 2, size=samples)
     # One wrong field at a time in a plausible drive, so that each signal is replaced by the others and recovers.
     mixed = drawn(thresholds, samples, seed=2)[-1].copy()
-    wrong = generator.integers(0, len(COLUMNS) - 1, size=samples)
+    wrong = generator.integers(0, len(DRIVE_COLUMNS) - 1, size=samples)
     few = generator.random(samples) < 0.02
     mixed[few, wrong[few]] = special[few, wrong[few]]
     return (*drawn(thresholds, samples), patterns, special, mixed)

@@ -15,9 +15,9 @@ from codegen.verify.packages import MissingTool
 
 HOST_FLAGS = tuple(flag for flag in DEFAULT_FLAGS if flag != "-Werror")
 """Flags for this machine's compiler. Another check judges its warnings."""
-PROGRAMS = ("example", "linux")
+HOST_PROGRAMS = ("example", "linux")
 """Folders of programs for a host."""
-COMPILED_PROGRAMS = PROGRAMS if sys.platform == "linux" else PROGRAMS[:1]
+COMPILED_PROGRAMS = HOST_PROGRAMS if sys.platform == "linux" else HOST_PROGRAMS[:1]
 """Those for which this machine has the headers."""
 
 
@@ -56,7 +56,7 @@ def compiled(subject: Subject) -> Software:
     return software
 
 
-MISSING = "gcc: it is not on the PATH, so its part was not run; install it, e.g. apt install gcc"
+GCC_MISSING = "gcc: it is not on the PATH, so its part was not run; install it, e.g. apt install gcc"
 
 
 @functools.cache

@@ -83,7 +83,7 @@ def write(report: VerificationReport, folder: Path) -> bool:
     if report.effort.quick and _has_full_record(folder, report.subject.manifest_sha256, report.subject.edited):
         return False
     record = to_dict(report)
-    text = manual(record, report.subject.manifest, TITLES).encode()
+    text = manual(record, report.subject.manifest, CHECK_TITLES).encode()
     write_together({folder / JSON: render(record), folder / MANUAL: text})
     return True
 
@@ -115,7 +115,7 @@ WIDTH_FOR_ALL = 100
 FINDINGS_PRINTED_MAX = 10
 """Maximum findings printed for a check; the JSON has all."""
 
-TITLES = {check.name: check.title for check in CHECKS}
+CHECK_TITLES = {check.name: check.title for check in CHECKS}
 
 
 def table(report: VerificationReport, columns: int | None = None) -> str:
@@ -132,7 +132,7 @@ def table(report: VerificationReport, columns: int | None = None) -> str:
         shows = (outcome.shows,) if is_wide else ()
         # A partial result is not a figure of the check.
         figure = "" if outcome.verdict is Verdict.NOT_RUN else outcome.figure
-        drawn.add_row(TITLES.get(name, name), *shows, figure or "-", str(outcome.verdict))
+        drawn.add_row(CHECK_TITLES.get(name, name), *shows, figure or "-", str(outcome.verdict))
     page = io.StringIO()
     Console(file=page, width=width, force_terminal=False, no_color=True, highlight=False, markup=False, emoji=False).print(
         drawn
@@ -145,6 +145,6 @@ def findings(report: VerificationReport) -> Iterator[str]:
     for name, outcome in report.outcomes.items():
         if outcome.verdict is not Verdict.PASSED and outcome.findings != (LEFT_OUT,):
             for finding in outcome.findings[:FINDINGS_PRINTED_MAX]:
-                yield f"{TITLES.get(name, name)}: {finding}"
+                yield f"{CHECK_TITLES.get(name, name)}: {finding}"
             if len(outcome.findings) > FINDINGS_PRINTED_MAX:
-                yield f"{TITLES.get(name, name)}: and {len(outcome.findings) - FINDINGS_PRINTED_MAX} more"
+                yield f"{CHECK_TITLES.get(name, name)}: and {len(outcome.findings) - FINDINGS_PRINTED_MAX} more"

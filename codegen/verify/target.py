@@ -49,7 +49,7 @@ AARCH64 = Core("AArch64", ("-target", "aarch64-freestanding"), has_double=True)
 X86_64 = Core("x86-64", ("-target", "x86_64-freestanding"), has_double=True)
 CORES = (X86_64, AARCH64, CORTEX_M4F, CORTEX_M7, CORTEX_M33, RISCV32, POWERPC_BE)
 
-FLAGS = (
+TARGET_FLAGS = (
     "-std=c99",
     "-ffp-contract=off",  # as the generated CMake: the same bits everywhere
     "-fno-sanitize=undefined",  # which zig switches on by default
@@ -89,14 +89,14 @@ def compile_image(
     link = ["-nostdlib", f"-Wl,-e,{entries[0]},--gc-sections,-T,{SCRIPT}", *keep]
     with source_tree({**sources, MEMORY_UNIT: verbatim("verify/memory.c"), SCRIPT: verbatim(f"verify/{SCRIPT}")}) as tree:
         image = tree.parent / "image.elf"
-        zig(["cc", *core.flags, *FLAGS, *flags, *INCLUDES, *link, *units, MEMORY_UNIT, "-o", f"../{image.name}"], tree)
+        zig(["cc", *core.flags, *TARGET_FLAGS, *flags, *INCLUDES, *link, *units, MEMORY_UNIT, "-o", f"../{image.name}"], tree)
         return image.read_bytes()
 
 
 def preprocess(sources: Mapping[str, str | bytes], units: Sequence[str]) -> dict[str, str]:
     """Return each unit after preprocessing, with line markers. Raises as `compile_image`."""
     with source_tree(sources) as tree:
-        return {unit: zig(["cc", *CORTEX_M4F.flags, *FLAGS, *INCLUDES, "-E", unit], tree) for unit in units}
+        return {unit: zig(["cc", *CORTEX_M4F.flags, *TARGET_FLAGS, *INCLUDES, "-E", unit], tree) for unit in units}
 
 
 @contextlib.contextmanager

@@ -13,7 +13,7 @@ from codegen.sil.software import Measurement, Software
 from hil_sim.codec import Codec, Frame, VehicleConditions, VehicleMotion, frame_of
 from hil_sim.e2e import next_counter, protect
 from hil_sim.plant_node import PlantNode
-from hil_sim.scenarios import DEFAULT, SCENARIOS
+from hil_sim.scenarios import DEFAULT_SCENARIO, SCENARIOS
 
 Cycle = tuple[Frame, ...]
 
@@ -61,7 +61,7 @@ def closed_loop(software: Software) -> tuple[str, list[Cycle]]:
 
     The scenario is the step steer, or the first one that this car can drive.
     """
-    for name in (DEFAULT, *SCENARIOS):
+    for name in (DEFAULT_SCENARIO, *SCENARIOS):
         try:
             node = PlantNode(software.config, SCENARIOS[name], precision=software.precision)
         except CodegenError:

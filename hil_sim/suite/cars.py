@@ -105,13 +105,15 @@ def random_cars(seed: int, count: int) -> tuple[Config, ...]:
 TYRE_MODEL = "magic-formula"
 """Tyre model of the maps: only the nonlinear one keeps the slip bounds of the plant."""
 
-SPEEDS_KM_H = (60.0, 70.0, 80.0, 90.0, 100.0, 110.0, 120.0)
+CARS_SPEEDS_KM_H = (60.0, 70.0, 80.0, 90.0, 100.0, 110.0, 120.0)
 """Speeds at the breakpoints of the gain schedule and between them."""
-SHARES = (0.5, 0.75, 1.0)
+CARS_ANGLE_SHARES = (0.5, 0.75, 1.0)
 
 
-ROLL = Condition(ROLL_PLANT, "roll plant", "plant", rolling, what="the third plant, without the errors of its sensors")
-PLANTS = (NOMINAL, ROLL, IDEAL)
+ROLL_CONDITION = Condition(
+    ROLL_PLANT, "roll plant", "plant", rolling, what="the third plant, without the errors of its sensors"
+)
+PLANTS = (NOMINAL, ROLL_CONDITION, IDEAL)
 
 
 @dataclass(frozen=True)
@@ -158,7 +160,7 @@ class CarResult:
         """Return whether it meets all limits of cells on one of PLANTS, and those of margins."""
         if plant.name not in self.summaries:
             return False
-        limits_of = ROLL if plant == ROLL else NOMINAL
+        limits_of = ROLL_CONDITION if plant == ROLL_CONDITION else NOMINAL
         return all_passed(car_requirements("", {limits_of.name: self.summaries[plant.name]}, self.margins, self.limits))
 
     def to_dict(self) -> dict[str, Any]:
@@ -189,7 +191,12 @@ class CarsResult:
 
     def to_dict(self) -> dict[str, Any]:
         """Return JSON values."""
-        facts = {"seed": self.seed, "passed": self.passed, "speeds_km_h": list(SPEEDS_KM_H), "shares": list(SHARES)}
+        facts = {
+            "seed": self.seed,
+            "passed": self.passed,
+            "speeds_km_h": list(CARS_SPEEDS_KM_H),
+            "shares": list(CARS_ANGLE_SHARES),
+        }
         facts["passed_on"] = {plant.name: self.passed_on(plant) for plant in PLANTS}
         return {**facts, "cars": [car.to_dict() for car in self.cars]}
 
@@ -226,7 +233,9 @@ def examine(number: int, config: Config, limits: Limits) -> CarResult:
     try:
         reference_map = solve_case(config, RECOMMENDED_CASE)
         config = tuned(reference_map, config)
-        points = cells(config, config.case(RECOMMENDED_CASE), up_to(last_cell_km_h(config), SPEEDS_KM_H), SHARES)
+        points = cells(
+            config, config.case(RECOMMENDED_CASE), up_to(last_cell_km_h(config), CARS_SPEEDS_KM_H), CARS_ANGLE_SHARES
+        )
         results = run_table(of_config("tracking", reference_map, config), PLANTS, points)
         margins = margins_of(config)
     except CodegenError as error:

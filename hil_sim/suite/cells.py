@@ -27,13 +27,13 @@ from hil_sim.metrics.run import Figures
 from hil_sim.scenarios import Scenario
 from hil_sim.settings import Settings
 
-SPEEDS_KM_H = (25.0, 42.5, 60.0, 80.0, 100.0, 120.0)
+CELL_SPEEDS_KM_H = (25.0, 42.5, 60.0, 80.0, 100.0, 120.0)
 """Speeds for a car that reaches 120 km/h; see `up_to`."""
-SHARES = (0.25, 0.5, 0.75, 1.0)
+CELL_ANGLE_SHARES = (0.25, 0.5, 0.75, 1.0)
 """Fractions of the largest feasible front angle at a speed."""
 
-STEER_TIME = 1.0
-DURATION = 9.0
+CELL_STEER_TIME = 1.0
+CELL_DURATION = 9.0
 """Duration in s. After the step 8 s remain: four time constants of a slow trim, and one second for the steady values."""
 
 C1_SPEED_KM_H = 42.5
@@ -68,16 +68,16 @@ class Cell(Figures):
             subject="Step steer",
             what="one cell of the test set",
             source="ISO 7401:2011, clause 10 (step input)",
-            duration=DURATION,
-            steer_time=STEER_TIME,
+            duration=CELL_DURATION,
+            steer_time=CELL_STEER_TIME,
             kind="step",
-            drive=manoeuvres.step(STEER_TIME),
+            drive=manoeuvres.step(CELL_STEER_TIME),
             settings=Settings(self.speed_km_h, self.front_angle_deg * config.steering.ratio, friction, estimate),
         )
 
 
 def cells(
-    config: Config, case: Case, speeds_km_h: tuple[float, ...] | None = None, shares: tuple[float, ...] = SHARES
+    config: Config, case: Case, speeds_km_h: tuple[float, ...] | None = None, shares: tuple[float, ...] = CELL_ANGLE_SHARES
 ) -> tuple[Cell, ...]:
     """Return the cells of a car: speeds times shares, without speeds beyond the map; by default 24 for a map to 120 km/h.
 
@@ -88,11 +88,12 @@ def cells(
         ConfigError: see `turns_of` and `breakpoints`.
     """
     last, front_angle = last_cell_km_h(config), breakpoints(config)[1]
-    listed = up_to(last, SPEEDS_KM_H) if speeds_km_h is None else speeds_km_h
+    listed = up_to(last, CELL_SPEEDS_KM_H) if speeds_km_h is None else speeds_km_h
     speeds = tuple(speed for speed in listed if speed <= last * (1.0 + 1e-9))
     if not speeds:
+        slowest = (speeds_km_h or CELL_SPEEDS_KM_H)[0]
         raise CodegenError(
-            f"the grid ends at {last:.4g} km/h, and the slowest cell of the test set has {(speeds_km_h or SPEEDS_KM_H)[0]:g}",
+            f"the grid ends at {last:.4g} km/h, and the slowest cell of the test set has {slowest:g}",
             where="grid",
             remedy="solve a map that reaches higher speeds",
         )
@@ -192,7 +193,7 @@ def together(*changes: Change) -> Change:
 Group = Literal["nominal", "plant", "lag", "mass", "tyre", "combined", "friction"]
 
 LAG_FACTORS = (0.4, 1.0, 2.0)
-FRICTIONS = (0.6, 0.4)
+LOW_FRICTIONS = (0.6, 0.4)
 ESTIMATE_ERROR = 0.2
 """Largest overestimate of the friction."""
 
@@ -283,7 +284,7 @@ def _on_road(friction: float, road: tuple[str, str, float]) -> tuple[Condition, 
     )
 
 
-SLIPPERY = tuple(condition for road in ROADS for friction in FRICTIONS for condition in _on_road(friction, road))
+SLIPPERY = tuple(condition for road in ROADS for friction in LOW_FRICTIONS for condition in _on_road(friction, road))
 
 
 def lags(lag_s: float) -> tuple[Condition, ...]:

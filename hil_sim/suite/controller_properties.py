@@ -152,7 +152,7 @@ def _at(found: FrequencyResponse, frequency: float) -> tuple[float, float]:
     return float(np.interp(place, places, found.gain)), float(np.interp(place, places, found.phase))
 
 
-SPEEDS_KM_H = (20.0, 25.0, 30.0, 36.0, 42.5, 50.0, 60.0, 70.0, 80.0, 90.0, 100.0, 110.0, 120.0)
+MARGIN_SPEEDS_KM_H = (20.0, 25.0, 30.0, 36.0, 42.5, 50.0, 60.0, 70.0, 80.0, 90.0, 100.0, 110.0, 120.0)
 """Speeds at and between the breakpoints of a schedule; see `up_to`."""
 
 
@@ -224,7 +224,7 @@ def margins_of(config: Config, speeds_km_h: tuple[float, ...] | None = None) -> 
     gains = law_of(config).gains(config)
     if gains is None:
         return None
-    speeds_km_h = speeds_km_h or up_to(family_range_km_h(config)[1], SPEEDS_KM_H)
+    speeds_km_h = speeds_km_h or up_to(family_range_km_h(config)[1], MARGIN_SPEEDS_KM_H)
     speed = np.array(speeds_km_h) * KM_H
     worst, _ = family_margins(config, speed, *gains(speed))
     own = nominal_margins(config, speed, *gains(speed))
@@ -253,7 +253,7 @@ TIMINGS: Mapping[str, Scenario] = {
     "free-running clocks": replace(DISTURBANCE, clocks=FREE_RUNNING),
     "0 and 2 frames in turn": replace(DISTURBANCE, faults=(Fault("burst", 0.0, DISTURBANCE.duration),)),
 }
-IN_STEP = next(iter(TIMINGS))
+IN_STEP_TIMING = next(iter(TIMINGS))
 
 
 @dataclass(frozen=True)

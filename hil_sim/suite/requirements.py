@@ -14,8 +14,8 @@ from codegen.configuration import parse_toml
 from codegen.configuration.section import Range, Section, first_fault
 from codegen.errors import CodegenError
 from codegen.files import read_text
-from hil_sim.suite.cells import FRICTIONS, MASSES, NOMINAL, SLIPPERY, Condition, lags
-from hil_sim.suite.controller_properties import IN_STEP, TIMINGS, FamilyMargins, TimingError, finite_or_none
+from hil_sim.suite.cells import LOW_FRICTIONS, MASSES, NOMINAL, SLIPPERY, Condition, lags
+from hil_sim.suite.controller_properties import IN_STEP_TIMING, TIMINGS, FamilyMargins, TimingError, finite_or_none
 from hil_sim.suite.runs import FEEDFORWARD, CellResult, Extreme, Summary
 
 LIMITS_BYTES_MAX = 2**16
@@ -309,7 +309,7 @@ def _margins(limits: Limits, margins: FamilyMargins | None, matter: str = "margi
 
 def sideslip_key(condition: Condition) -> str | None:
     """Return the key of the sideslip limit on a slippery road; None if there is none."""
-    wet, snow = FRICTIONS
+    wet, snow = LOW_FRICTIONS
     if condition.friction == wet:
         return "wet_sideslip_deg"
     return "snow_sideslip_deg" if condition.friction == snow and condition.estimate is not None else None
@@ -345,13 +345,13 @@ def _third_party(limits: Limits, summary: Summary | None) -> list[Requirement]:
 def _timing(limits: Limits, errors: Mapping[str, TimingError]) -> list[Requirement]:
     rows = []
     for name in TIMINGS:
-        if name == IN_STEP:
+        if name == IN_STEP_TIMING:
             continue
         row: tuple[str, str, str] = (f"yaw moment, {name}", "yaw-rate error, rms", "deg/s")
         if not errors:
             rows.append(_row(*row, round(math.degrees(TIMING_RESOLUTION_RAD_S), 3), None, NOT_MEASURED))
             continue
-        limit = round(math.degrees(limits.timing_factor * errors[IN_STEP].settled_rad_s + TIMING_RESOLUTION_RAD_S), 3)
+        limit = round(math.degrees(limits.timing_factor * errors[IN_STEP_TIMING].settled_rad_s + TIMING_RESOLUTION_RAD_S), 3)
         rows.append(_row(*row, limit, math.degrees(errors[name].settled_rad_s), key="timing_factor"))
     return rows
 

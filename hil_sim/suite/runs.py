@@ -23,7 +23,7 @@ from codegen.vehicle.tyre import slip_bounds
 from hil_sim.metrics import evaluate
 from hil_sim.metrics.run import Figures
 from hil_sim.scenarios import PATH_SCENARIOS
-from hil_sim.suite.cells import DURATION, STEER_TIME, Cell, Condition, front_angle
+from hil_sim.suite.cells import CELL_DURATION, CELL_STEER_TIME, Cell, Condition, front_angle
 from hil_sim.suite.subjects import Subject
 
 SENSOR_SEED = 1
@@ -93,7 +93,7 @@ def judge(
     cell: Cell,
     condition: str,
     reference: float | None = None,
-    steer_time: float = STEER_TIME,
+    steer_time: float = CELL_STEER_TIME,
     car: Config | None = None,
 ) -> CellResult:
     """Return the figures of a recording (samples, 12) of any plant.
@@ -147,7 +147,7 @@ def run_table(subject: Subject, under: Sequence[Condition], points: Sequence[Cel
     for condition in under:
         plant, estimate = condition.plant(config), condition.estimate_or_nan
         software = subject.around.batch(plant)
-        profile = unit_step(config, STEER_TIME, DURATION)
+        profile = unit_step(config, CELL_STEER_TIME, CELL_DURATION)
         samples = profile.shape[0] // software.steps_per_sample
         lanes = Lanes(
             np.repeat([plant_parameters(plant)], len(points), axis=0),
@@ -164,7 +164,7 @@ def run_table(subject: Subject, under: Sequence[Condition], points: Sequence[Cel
         runs = Runs(
             np.arange(records.shape[1], dtype=np.float64) * config.controller.sampling_time_s,
             dict(zip(RECORD_COLUMNS, records, strict=True)),
-            STEER_TIME,
+            CELL_STEER_TIME,
             slip_bounds=slip_bounds(plant),
             map_yaw_rate=np.array([look_up(*at, estimate) for at in zip(speeds.tolist(), angles.tolist(), strict=True)]),
         )

@@ -17,7 +17,7 @@ from codegen.configuration import Config
 from codegen.configuration.section import Breakpoints, Meaning, Range, RangeOrZero, Section
 from codegen.identify.names import Names, SignalChoice
 from codegen.identify.parameters import PARAMETERS
-from codegen.identify.quantities import QUANTITIES
+from codegen.identify.quantities import LOG_QUANTITIES
 from scripts.guide.markdown import table
 
 KEYS = ("key", "type and range", "default", "meaning")
@@ -160,7 +160,7 @@ def names_markdown() -> str:
     top = [
         (f"`{key}`", described(field.annotation, tuple(field.metadata)), _default(Names, key), meaning(Names, key))
         for key, field in Names.model_fields.items()
-        if key not in QUANTITIES
+        if key not in LOG_QUANTITIES
     ]
     tables = [
         (
@@ -168,7 +168,7 @@ def names_markdown() -> str:
             f"{quantity.meaning}; units: {', '.join(quantity.units)}",
             ", ".join(map("`{}`".format, quantity.names.split())),
         )
-        for key, quantity in QUANTITIES.items()
+        for key, quantity in LOG_QUANTITIES.items()
     ]
     signal = [
         (

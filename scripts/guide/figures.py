@@ -37,7 +37,7 @@ from codegen.figures.data import (
     ORANGE,
     PURPLE,
     SKY,
-    SPEED,
+    SPEED_TITLE,
     VERMILION,
     WHITE,
     Chart,
@@ -229,7 +229,7 @@ def margins() -> Figure:
             data.append(entry(f"required of {whose}", colour, "dash", 1.4))
             shapes.append(level(getattr(recommended.tuning, f"{prefix}{field}"), colour=colour, dash="dash", width=1.4))
         data.append(entry("codegen build warns below", MUTED, "dot"))
-        x = axis(SPEED, range=[speed_km_h[0] - 4.0, speed_km_h[-1] + 4.0])
+        x = axis(SPEED_TITLE, range=[speed_km_h[0] - 4.0, speed_km_h[-1] + 4.0])
         charts.append(panel(data, x, axis(label, rangemode="tozero"), shapes=shapes))
     return draw(Picture([charts], (WIDTH, 3.8)))
 
@@ -253,7 +253,7 @@ def bounds() -> Figure:
     zero = [level(0.0, dash="solid")]
     chart = panel(
         data,
-        axis(SPEED),
+        axis(SPEED_TITLE),
         axis(REAR_ANGLE),
         title="Range of the rear angle command in a left turn",
         shapes=zero,

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 from codegen.configuration.signals import SIGNALS
 from codegen.figures.data import BLACK, MUTED, ORANGE, SKY, WHITE
-from codegen.figures.draw import COLOURS, new_figure, style
+from codegen.figures.draw import THEME_COLOURS, new_figure, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-GREY = COLOURS[MUTED]
+GREY = THEME_COLOURS[MUTED]
 _COLOURS = {
     **{"crc": "#D9D9D9", "counter": "#D9D9D9", "status": ORANGE, "qualifier": ORANGE},
     **{each.name.lower(): ORANGE for each in SIGNALS if each.is_flag},

@@ -60,12 +60,12 @@ def can_matrix() -> str:
 
 def diagnostics() -> str:
     """The bits of `Diagnostics`."""
-    from codegen.emit.can_view import DIAGNOSTICS
+    from codegen.emit.can_view import DIAGNOSTIC_CAUSES
     from codegen.emit.supervision import causes_of_bit
 
     rows = [
         (f"{one.bit}", f"`{one.name}`", one.text, ", ".join(cause.name for cause in causes_of_bit(one.name)))
-        for one in DIAGNOSTICS
+        for one in DIAGNOSTIC_CAUSES
     ]
     return table(("bit", "name", "set where", "causes of the supervision"), rows)
 
@@ -83,9 +83,9 @@ def supervision() -> str:
 
 def run_columns() -> str:
     """The columns of a run, in their order."""
-    from codegen.export.runs import COLUMNS
+    from codegen.export.runs import EXPORT_COLUMNS
 
-    return table(("column", "unit", "meaning"), [(f"`{one.name}`", one.unit, one.meaning) for one in COLUMNS])
+    return table(("column", "unit", "meaning"), [(f"`{one.name}`", one.unit, one.meaning) for one in EXPORT_COLUMNS])
 
 
 def exit_codes() -> str:

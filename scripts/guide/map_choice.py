@@ -19,7 +19,7 @@ from codegen.configuration import Config
 from codegen.ecu_map.extend import extend
 from codegen.figures.data import (
     BLUE,
-    FRONT_ANGLE,
+    FRONT_ANGLE_TITLE,
     GREEN,
     INK,
     MUTED,
@@ -298,7 +298,7 @@ def _picture(
         low, high = (of([of(each[k]) for column in curves for each in column]) for of in (np.nanmin, np.nanmax))
         room = 0.06 * (high - low)
         y = axis(label, range=[min(0.0, low - room) if k == 2 else 0.0, high + room])
-        x = axis(FRONT_ANGLE, range=[0.0, FRONT_ANGLE_MAX_DEG])
+        x = axis(FRONT_ANGLE_TITLE, range=[0.0, FRONT_ANGLE_MAX_DEG])
         charts.append([])
         for column, found in zip(columns, curves, strict=True):
             data = [

@@ -6,13 +6,13 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from codegen.figures.data import BLACK, BLUE, GREEN, MUTED, ORANGE, PURPLE, VERMILION, WHITE
-from codegen.figures.draw import COLOURS, new_figure, style
+from codegen.figures.draw import THEME_COLOURS, new_figure, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-GREY = COLOURS[MUTED]
+GREY = THEME_COLOURS[MUTED]
 FILL = "#EAF3FA"
 """Ground of a box that holds a thing of this project."""
 PLAIN = "#F4F4F4"

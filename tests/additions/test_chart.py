@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from codegen.figures.data import BLUE, SPEED, Chart, axis, layout, line
+from codegen.figures.data import BLUE, SPEED_TITLE, Chart, axis, layout, line
 from codegen.figures.maps import NamedMap
 
 
@@ -18,7 +18,7 @@ def acceleration_chart(one: NamedMap) -> Chart:
     """Return the largest product of speed and feasible yaw rate at each speed, in m/s^2."""
     table = np.where(one.map.feasible, one.map.yaw_rate, np.nan)
     largest = one.map.speed * np.fmax.reduce(table, axis=1)
-    look = layout(xaxis=axis(SPEED), yaxis=axis("Lateral acceleration (m/s²)", rangemode="tozero"))
+    look = layout(xaxis=axis(SPEED_TITLE), yaxis=axis("Lateral acceleration (m/s²)", rangemode="tozero"))
     figure = {"data": [line(one.speed_km_h, largest, one.name, BLUE)], "layout": look}
     caption = "Largest lateral acceleration of a feasible turn at each speed."
     return Chart("acceleration", figure, caption, caption)

@@ -38,7 +38,7 @@ from codegen.emit.write import write_folder
 from codegen.export.arxml.export import export
 from codegen.export.fmu.export import make_fmu
 from codegen.export.fmu.variables import variables_of
-from codegen.export.runs import COLUMNS, FORMATS
+from codegen.export.runs import EXPORT_COLUMNS, RUN_FORMATS
 from codegen.sil.closed_loop import ClosedLoop, LoopOptions
 from codegen.sil.software import RECORD_COLUMNS, Measurement, compile_build
 from codegen.verify.pil.batches import program_of
@@ -125,12 +125,12 @@ assert "| `ReverseGear` | 13 | 1 | Intel | unsigned | 1 | 0 no, 1 yes |  |" in i
 assert "`LateralSpeed` m/s" in files["README.md"] and "`ReverseGear`" in files["README.md"]
 
 # runs: of the closed loop, directly and through frames, and of the car on the bus
-assert RECORD_COLUMNS == tuple(column.name for column in COLUMNS)
+assert RECORD_COLUMNS == tuple(column.name for column in EXPORT_COLUMNS)
 place, inputs = RECORD_COLUMNS.index("lateral_speed_m_s"), find("step-steer").inputs(software.config)
 loop = ClosedLoop(software)
 direct = loop.run(inputs)
 assert np.abs(direct[:, place]).max() > 0.1
-for ending, content in ((ending, each.content(direct, "")) for ending, each in FORMATS.items()):
+for ending, content in ((ending, each.content(direct, "")) for ending, each in RUN_FORMATS.items()):
     Path(f"run{ending}").write_bytes(content)
     assert (reread(Path(f"run{ending}"), "lateral_speed_m_s") == direct[:, place]).all(), ending
 stepped = ClosedLoop(software).run_stepped(inputs)

@@ -75,12 +75,12 @@ def test_bash_gets_the_part_after_its_word_break(monkeypatch: pytest.MonkeyPatch
 def test_names_copied_for_speed_match_the_project() -> None:
     (isa,) = (parameter.type for parameter in cli.commands["sweep"].params if parameter.name == "isa")
     assert isinstance(isa, click.Choice) and tuple(isa.choices) == ISAS
-    assert list(options.SCENARIOS) == list(scenarios.BUILT_IN)
+    assert list(options.SCENARIO_NAMES) == list(scenarios.BUILT_IN)
     for preset in get_args(Preset):
         assert list(configuration.preset(preset).cases) == list(options.OF_EVERY_CASE)
     assert list(configuration.REFERENCE_CASES) == list(options.FOR_COMPARISON)
-    assert set(options.run_to_write.endings or ()) == set(runs.FORMATS)
-    assert set(options.log_to_write.endings or ()) == set(logs.FORMATS)
+    assert set(options.run_to_write.endings or ()) == set(runs.RUN_FORMATS)
+    assert set(options.log_to_write.endings or ()) == set(logs.LOG_WRITERS)
 
 
 def test_through_the_entry_point(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:

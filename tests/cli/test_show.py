@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from codegen import configuration
-from codegen.library.quantities import MEMORY, YAW_RATE
+from codegen.library.quantities import MEMORY_KIND, YAW_RATE_KIND
 from codegen.map_file import map as npz
 from codegen.optimum.solve import solve_case
 from tests import shared
@@ -77,6 +77,6 @@ def test_a_stack(run: Run, here: Path) -> None:
 
 def test_quantities_are_read_with_their_unit() -> None:
     for written, value in {"0.05deg/s": math.radians(0.05), " 1e-3 rad/s": 1e-3}.items():
-        assert YAW_RATE.read(written).value == pytest.approx(value, rel=1e-15)
+        assert YAW_RATE_KIND.read(written).value == pytest.approx(value, rel=1e-15)
     sizes = {"4KiB": 4096, "4096B": 4096, "4kB": 4000, "2MB": 2000000, "1MiB": 1048576, "0.5 KiB": 512}
-    assert {written: MEMORY.read(written).value for written in sizes} == sizes
+    assert {written: MEMORY_KIND.read(written).value for written in sizes} == sizes

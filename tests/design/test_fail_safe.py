@@ -9,12 +9,12 @@ import pytest
 from codegen.design import tune
 from codegen.design.lead import compile_controller
 from codegen.design.tune import (
+    DRIVE_END,
     DRIVER_TIME,
-    DRIVERS,
-    DURATION,
+    FAIL_SAFE_DRIVERS,
     LOSS_TIME,
     STEER_DURATION,
-    STEER_TIME,
+    STEER_START,
     Driver,
     RateOutcome,
     best,
@@ -42,9 +42,9 @@ def spins_alone(rate_deg_s: float, driver: Driver) -> bool:
     period, steps = config.controller.sampling_time_s, round(config.controller.sampling_time_s / config.plant.sampling_time_s)
     edge = turns_of(config, config.case("4ws-2")).edge(np.array([SPEED]), 1.0).front_angle[0] * config.steering.ratio
     commands = [0.0] * config.tuning.delay_samples
-    for sample in range(round(DURATION / period)):
+    for sample in range(round(DRIVE_END / period)):
         time = sample * period
-        share = min(max((time - STEER_TIME) / STEER_DURATION, 0.0), 1.0)
+        share = min(max((time - STEER_START) / STEER_DURATION, 0.0), 1.0)
         if time >= DRIVER_TIME:
             share = float(driver(np.array([time - DRIVER_TIME]))[0])
         car = plant.sample(PlantInput(SPEED, share * edge, commands[0], config.road.friction))
@@ -68,9 +68,9 @@ def test_each_rate_spins_as_often_as_alone_and_wrong_ones_lose(monkeypatch: pyte
     found = tune_fail_safe(builds.paper_map(), planted, software, lambda *step: done.append(step), (SLOW, 2.5))
     assert [one.rate_deg_s for one in found.outcomes] == [FAST, SLOW, 2.5]
     for one in found.outcomes:
-        assert one.spins == sum(spins_alone(one.rate_deg_s, driver) for driver in DRIVERS)
+        assert one.spins == sum(spins_alone(one.rate_deg_s, driver) for driver in FAIL_SAFE_DRIVERS)
     assert found.rate_deg_s == 2.5
-    each = len(DRIVERS)
+    each = len(FAIL_SAFE_DRIVERS)
     assert done == [(step, total) for total in (4 * each, 2 * each) for step in range(1, total + 1)]
     assert [one.family_runs > 0 for one in found.outcomes] == [False, False, True]
     assert [one.family_spins is None for one in found.outcomes] == [True, True, False]

@@ -12,10 +12,10 @@ from codegen.design.family import nominal
 from codegen.design.lead import (
     DEVIATION_OVERSHOOT_PERCENT,
     LAG_OVERSHOOT_PERCENT,
+    LEAD_ANGLE_SHARES,
     LEADS_S,
     OVERSHOOT_PERCENT,
     SETTLING_S,
-    SHARES,
     Response,
     compile_controller,
     family_of,
@@ -51,7 +51,10 @@ def test_the_chosen_pairs_keep_their_limits_when_simulated_alone(monkeypatch: py
     assert max(np.abs(changes["schedule"]["lead_s"])) * rate <= changes["lead_max_deg"] <= 0.1 + LEADS_S[-1] * rate
     subject = of_config("tuned", builds.paper_map(), with_tracking(config, changes, "test"))
     for one in found:
-        points, whole = cells(config, config.case("4ws-2"), (one.speed_km_h,), SHARES), np.ceil(100.0 * one.rise_s) / 100.0
+        points, whole = (
+            cells(config, config.case("4ws-2"), (one.speed_km_h,), LEAD_ANGLE_SHARES),
+            np.ceil(100.0 * one.rise_s) / 100.0,
+        )
         driven = [judge(drive(subject, NOMINAL, cell), cell, "x") for cell in points]
         assert max(result.rise_time_s or 9.0 for result in driven) == pytest.approx(whole, abs=0.011)
         assert max(result.overshoot_percent or 0.0 for result in driven) <= min(one.overshoot_percent + 0.2, OVERSHOOT_PERCENT)

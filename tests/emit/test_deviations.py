@@ -4,7 +4,7 @@ import functools
 from collections.abc import Mapping
 
 from codegen.configuration import Kind
-from codegen.emit.deviations import ENTRIES, FILE, deviations, read_deviations
+from codegen.emit.deviations import DEVIATIONS_FILE, ENTRIES, deviations, read_deviations
 from codegen.optimum.solve import solve_stack
 from tests import builds
 from tests.emit.rendered import KINDS, rendered
@@ -23,6 +23,6 @@ def files_of(kind: Kind) -> Mapping[str, bytes]:
 def test_the_rows_of_a_build_read_back_and_every_entry_has_one_and_a_reason() -> None:
     rows = {kind: list(deviations(files_of(kind))) for kind in KINDS}
     for kind, wanted in rows.items():
-        assert [row for _, row in read_deviations(files_of(kind)[FILE].decode("ascii"))] == wanted
+        assert [row for _, row in read_deviations(files_of(kind)[DEVIATIONS_FILE].decode("ascii"))] == wanted
     assert {row.rule for found in rows.values() for row in found} == {entry.rule for entry in ENTRIES}
     assert all(len(entry.reason.split()) > 5 for entry in ENTRIES)

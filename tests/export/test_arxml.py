@@ -31,7 +31,7 @@ from codegen.ecu_map.placement import Placed, Request
 from codegen.ecu_map.placement_error import MeasuredError
 from codegen.ecu_map.storage import Scales
 from codegen.emit.build import BuildInputs, BuildOptions, build
-from codegen.emit.can_view import DIAGNOSTICS
+from codegen.emit.can_view import DIAGNOSTIC_CAUSES
 from codegen.emit.folder import read_files, read_manifest
 from codegen.emit.misra_rules import ADVISORY
 from codegen.emit.write import write_folder
@@ -383,7 +383,7 @@ def test_debouncing_counts_samples() -> None:
         )
         for name, each in rte.named(model, "SWC-SERVICE-DEPENDENCY").items()
     }
-    assert found.keys() == {*(each.name for each in DIAGNOSTICS), "PARAMETERS_REJECTED"}
+    assert found.keys() == {*(each.name for each in DIAGNOSTIC_CAUSES), "PARAMETERS_REJECTED"}
     # 0.1 s and 1 s at 10 ms; the generated C has counted samples already.
     assert found["MOTION_WRONG_CRC"] == (10, -100)
     assert found["ACTUATOR_STUCK"] == (1, -100)
@@ -421,7 +421,7 @@ def drive(name: str) -> tuple[list[tuple[Frame, ...]], list[Frame]]:
 
 def events_of(library: Any) -> set[str]:
     """Return the events of the last sample that were reported as prefailed (3), not as prepassed (2)."""
-    reports = {each: getattr(library, f"rte_Event_{each.name}") for each in DIAGNOSTICS}
+    reports = {each: getattr(library, f"rte_Event_{each.name}") for each in DIAGNOSTIC_CAUSES}
     assert set(reports.values()) <= {2, 3}
     return {each.name for each, report in reports.items() if report == 3}
 
@@ -431,7 +431,7 @@ def causes_of(name: str, data: bytes) -> set[str]:
     signal = OTHER["rear_steer_command"]["diagnostics"]["name"] if name == "other" else "Diagnostics"
     message = cantools_of(name).get_message_by_name("RearSteerCommand")
     bits = message.decode(data, scaling=False, decode_choices=False)[signal]
-    return {each.name for each in DIAGNOSTICS if bits >> each.bit & 1}
+    return {each.name for each in DIAGNOSTIC_CAUSES if bits >> each.bit & 1}
 
 
 @functools.cache

@@ -30,7 +30,7 @@ from codegen.export.calibration.convert import map_of, toml_of
 from codegen.export.calibration.images import Image
 from codegen.export.calibration.labels import number_text
 from codegen.export.calibration.layout import Values
-from codegen.export.calibration.sets import READERS, merged, read_set
+from codegen.export.calibration.sets import CALIBRATION_READERS, merged, read_set
 from codegen.figures.draw import draw
 from codegen.report.calibration_plots import ValueChange, calibration_picture
 from codegen.units import KM_H
@@ -49,7 +49,7 @@ Run, Refused = Callable[..., Answer], Callable[..., str]
 
 GENERATED = Path(__file__).resolve().parents[2] / "generated"
 BUILD = GENERATED / "4ws2"
-FORMATS = sorted(READERS)
+FORMATS = sorted(CALIBRATION_READERS)
 SLOW, GAIN = "ars.parameters.slow_speed", "ars.parameters.integral_gain"
 
 
@@ -89,7 +89,7 @@ def changed(**changes: Any) -> Values:
 
 
 def write(values: Values, path: Path, name: str = "4ws2") -> Path:
-    path.write_bytes(READERS[path.suffix].write(values, loaded(name).layout, "test"))
+    path.write_bytes(CALIBRATION_READERS[path.suffix].write(values, loaded(name).layout, "test"))
     return path
 
 
@@ -375,7 +375,7 @@ def test_a_quoted_or_missing_name_is_not_skipped(head: str, tmp_path: Path) -> N
 
 def test_the_categories_that_are_written_are_those_of_the_objects() -> None:
     """DEPENDENT_VALUE, which is read, would make a value read-only in a calibration tool."""
-    root = ElementTree.fromstring(READERS[".cdfx"].write(loaded().values, loaded().layout, "a title"))
+    root = ElementTree.fromstring(CALIBRATION_READERS[".cdfx"].write(loaded().values, loaded().layout, "a title"))
     found = {each.findtext("SHORT-NAME"): each.findtext("CATEGORY") for each in root.iter("SW-INSTANCE")}
     categories = {"VALUE": "VALUE", "AXIS": "COM_AXIS", "CURVE": "CURVE", "MAP": "MAP"}
     assert found == {name: categories[each.kind] for name, each in loaded().layout.objects.items()}

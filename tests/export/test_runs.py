@@ -15,7 +15,7 @@ from pyarrow import parquet
 from scipy.io import loadmat
 
 from codegen.errors import CodegenError
-from codegen.export.runs import COLUMNS, check_formats, save
+from codegen.export.runs import EXPORT_COLUMNS, check_formats, save
 from codegen.sil.software import RECORD_COLUMNS, Status
 
 SUFFIX_OF_UNIT = {"s": "_s", "m/s": "_m_s", "m/s^2": "_m_s2", "rad": "_rad", "rad/s": "_rad_s", "": ""}
@@ -47,7 +47,7 @@ def test_mf4_by_asammdf(record: np.ndarray, tmp_path: Path) -> None:
         (group,) = run.groups
         assert [channel.name for channel in group.channels] == list(RECORD_COLUMNS)
         assert run.masters_db == {0: 0}
-        for number, column in enumerate(COLUMNS):
+        for number, column in enumerate(EXPORT_COLUMNS):
             assert column.meaning and column.name.endswith(SUFFIX_OF_UNIT[column.unit])
             signal = run.get(column.name, raw=True)
             assert (signal.unit, signal.comment) == (column.unit, column.meaning)
@@ -70,7 +70,7 @@ def test_parquet_by_pyarrow(record: np.ndarray, tmp_path: Path) -> None:
     assert table.column("status").to_pylist() == record[:, -1].tolist()
     described = json.loads(table.schema.metadata[b"columns"])
     assert list(described) == list(RECORD_COLUMNS)
-    for column in COLUMNS:
+    for column in EXPORT_COLUMNS:
         assert (described[column.name]["unit"], described[column.name]["description"]) == (column.unit, column.meaning)
     assert described["status"]["values"] == {str(int(state)): state.name for state in Status}
     assert table.schema.metadata[b"made_by"].startswith(b"ars-codegen ")

@@ -8,7 +8,7 @@ import pytest
 
 from codegen.sil.batch import NOISES, sensor_errors
 from codegen.vehicle.single_track import SingleTrack
-from hil_sim.suite.cars import DEVELOPMENT_SEED, MASS_KG, SHARES, SPEEDS_KM_H, TEST_SEED, examine, random_cars
+from hil_sim.suite.cars import CARS_ANGLE_SHARES, CARS_SPEEDS_KM_H, DEVELOPMENT_SEED, MASS_KG, TEST_SEED, examine, random_cars
 from hil_sim.suite.cells import NOMINAL, SENSORS, cells, conditions
 from hil_sim.suite.requirements import Limits
 from hil_sim.suite.runs import drive, judge, map_yaw_rate, run_table
@@ -30,7 +30,7 @@ def test_a_car_follows_from_seed_and_number_and_is_plausible() -> None:
 def test_cells_in_a_batch_equal_single_runs() -> None:
     """Tolerance 1e-6: only the batch's rounding differs, see `codegen.sil.batch.DIFFERENCE_MAX`."""
     subject = of_config("tracking", builds.paper_map(), builds.TRACKING_CONFIG)
-    points = cells(subject.config, subject.config.case("4ws-2"), SPEEDS_KM_H[::3], SHARES[:2])
+    points = cells(subject.config, subject.config.case("4ws-2"), CARS_SPEEDS_KM_H[::3], CARS_ANGLE_SHARES[:2])
     under = [each for each in conditions(subject.config) if each.name in ("relaxation-300", "friction-60")]
     names = ("overshoot_percent", "settling_time_s", "sideslip_max_deg", "map_error_percent", "slip_percent")
     for driven in (subject, passive_of(subject)):

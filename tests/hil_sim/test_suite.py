@@ -25,7 +25,19 @@ from hil_sim.scenarios import PATH_SCENARIOS
 from hil_sim.second_plant.run import STEER_TIME as SECOND_STEER_TIME
 from hil_sim.suite import cells as changes
 from hil_sim.suite import tracking
-from hil_sim.suite.cells import COMBINED, DURATION, NOMINAL, SHARES, SPEEDS_KM_H, STEER_TIME, Cell, c1, cells, conditions, lags
+from hil_sim.suite.cells import (
+    CELL_ANGLE_SHARES,
+    CELL_DURATION,
+    CELL_SPEEDS_KM_H,
+    CELL_STEER_TIME,
+    COMBINED,
+    NOMINAL,
+    Cell,
+    c1,
+    cells,
+    conditions,
+    lags,
+)
 from hil_sim.suite.controller_properties import (
     SETTLING_TIME_S,
     TIMINGS,
@@ -59,7 +71,9 @@ def pi() -> Subject:
 
 def test_cells_are_six_speeds_by_four_amplitudes_on_the_grid() -> None:
     problem, found = SteadyTurnProblem.from_config(CONFIG, CASE), cells(CONFIG, CASE)
-    assert [(cell.speed_km_h, cell.share) for cell in found] == [(speed, share) for speed in SPEEDS_KM_H for share in SHARES]
+    assert [(cell.speed_km_h, cell.share) for cell in found] == [
+        (speed, share) for speed in CELL_SPEEDS_KM_H for share in CELL_ANGLE_SHARES
+    ]
     largest = [cell for cell in found if cell.share == 1.0]
     # At 25 km/h the grid ends (10 deg) before the feasible range; at higher speeds the edge is the last feasible angle.
     assert largest[0].front_angle_deg == pytest.approx(10.0, rel=1e-12)
@@ -67,13 +81,15 @@ def test_cells_are_six_speeds_by_four_amplitudes_on_the_grid() -> None:
         around_edge = np.deg2rad(cell.front_angle_deg * np.array([1.0 - 1e-9, 1.0 + 1e-9]))
         solution = exact.solve(problem, np.array([cell.speed_km_h * KM_H]), around_edge)
         assert solution.feasible[0].tolist() == [True, False]
-    assert [cell.front_angle_deg / largest[-1].front_angle_deg for cell in found[-4:]] == pytest.approx(SHARES, rel=1e-12)
+    assert [cell.front_angle_deg / largest[-1].front_angle_deg for cell in found[-4:]] == pytest.approx(
+        CELL_ANGLE_SHARES, rel=1e-12
+    )
     assert (c1(CONFIG).speed_km_h, c1(CONFIG).front_angle_deg) == (42.5, pytest.approx(6.75))
     for other, speeds in (
         ({"grid.speed_max_km_h": 70.0}, {25.0, 42.5, 60.0}),
         ({"vehicle.top_speed_km_h": 90.0}, {25.0, 42.5, 60.0, 80.0}),
-        ({"grid.speed_max_km_h": 150.0}, {*SPEEDS_KM_H, 140.0, 150.0}),
-        ({"vehicle.top_speed_km_h": 150.0}, {*SPEEDS_KM_H}),  # the map ends below
+        ({"grid.speed_max_km_h": 150.0}, {*CELL_SPEEDS_KM_H, 140.0, 150.0}),
+        ({"vehicle.top_speed_km_h": 150.0}, {*CELL_SPEEDS_KM_H}),  # the map ends below
     ):
         assert {cell.speed_km_h for cell in cells(CONFIG.replace(other), CASE)} == speeds
     assert {cell.speed_km_h for cell in cells(CONFIG, CASE, (60.0, 130.0))} == {60.0}  # those that a caller lists
@@ -84,8 +100,8 @@ def test_cells_are_six_speeds_by_four_amplitudes_on_the_grid() -> None:
 
 def test_a_cell_is_a_step_at_the_steering_wheel() -> None:
     inputs = Cell(80.0, 3.0).scenario(CONFIG, 0.6, 0.8).inputs(CONFIG)
-    assert len(inputs) == round(DURATION / 1e-3)
-    before, after = inputs[round(STEER_TIME / 1e-3) - 1], inputs[round(STEER_TIME / 1e-3)]
+    assert len(inputs) == round(CELL_DURATION / 1e-3)
+    before, after = inputs[round(CELL_STEER_TIME / 1e-3) - 1], inputs[round(CELL_STEER_TIME / 1e-3)]
     assert after == pytest.approx(
         [80.0 * KM_H, math.radians(40.0), 0.6, 0.8, 0.0, 0.0, 0.0]
     )  # 3 deg at the wheels: 40 at the steering wheel
@@ -142,7 +158,7 @@ def test_the_ideal_plant_and_both_kinds_of_road() -> None:
 def ramp_with_peak(sign: float = 1.0) -> np.ndarray:
     """Return a yaw rate that rises to 0.6 rad/s in half a second and falls to 0.5 in another."""
     return record(
-        DURATION,
+        CELL_DURATION,
         yaw_rate_rad_s=lambda t: sign * np.interp(t, [1.0, 1.5, 2.0], [0.0, 0.6, 0.5]),
         sideslip_rad=lambda t: sign * np.interp(t, [1.0, 1.5, 2.0], [0.0, -0.03, 0.01]),
     )
@@ -159,7 +175,7 @@ def test_figures_of_a_run_made_by_hand() -> None:
     assert (found.map_error_percent, found.map_overshoot_percent) == pytest.approx((25.0, 50.0))
     unknown = judge(ramp_with_peak(), Cell(42.5, 5.0), "x")
     assert (unknown.map_error_percent, unknown.map_overshoot_percent) == (None, None)
-    creeping = record(DURATION, yaw_rate_rad_s=lambda t: 0.5 * (1.0 - np.exp(-4.0 * np.clip(t - 1.0, 0.0, None))))
+    creeping = record(CELL_DURATION, yaw_rate_rad_s=lambda t: 0.5 * (1.0 - np.exp(-4.0 * np.clip(t - 1.0, 0.0, None))))
     overshoot = judge(creeping, Cell(42.5, 5.0), "x").overshoot_percent
     assert overshoot == pytest.approx(0.0, abs=1e-6) and overshoot >= 0.0
     found = judge(spun(ramp_with_peak(), 5.0), Cell(42.5, 5.0), "x", 0.4)
@@ -211,7 +227,7 @@ def test_rise_times_exclude_spins() -> None:
 
 def good() -> Measured:
     """Return the results of a controller that meets every limit."""
-    rows = [result(share) for share in SHARES]
+    rows = [result(share) for share in CELL_ANGLE_SHARES]
     points = tuple(MarginPoint(speed, 8.5, 46.0, 1.7, True) for speed in (20.0, 120.0))
     return Measured(
         summaries={condition.name: summarise("good", condition.name, rows) for condition in CONDITIONS},
@@ -495,7 +511,7 @@ def test_third_partys_cells_are_judged_by_the_same_figures(
     def run(software: Any, config: Config, scenario: Any) -> np.ndarray:
         driven.append((software is not None, scenario.settings.speed_km_h))
         made = ramp_with_peak()
-        made[:, 0] += SECOND_STEER_TIME - STEER_TIME
+        made[:, 0] += SECOND_STEER_TIME - CELL_STEER_TIME
         return made
 
     monkeypatch.setattr(second_plant, "run", run)

@@ -12,7 +12,7 @@ from codegen.identify import held as holding
 from codegen.identify.held import undetermined_curves
 from codegen.identify.identifiability import analyse
 from codegen.identify.outcome import ERROR_FACTOR, doubts, model_error, with_model_error
-from codegen.identify.parameters import BY_NAME, CURVES
+from codegen.identify.parameters import BY_NAME, CURVE_PARAMETERS
 from codegen.identify.reached import Reached, axle_forces, held_means, reached, slip_limit, tyres_of
 from codegen.identify.result import identified_toml
 from codegen.identify.run import Identification, identify
@@ -93,7 +93,7 @@ def test_the_linear_range_of_a_map_ends_where_the_drives_did() -> None:
     named = doubts(found, driven, [])
     written = parse(tomllib.loads(identified_toml(found, whole(config, "a test"), "test")), "test")
     ends = AxleTyres.from_config(written).slip_limits
-    assert not any(found.quantities[name].is_identified for curve in CURVES for name in curve)
+    assert not any(found.quantities[name].is_identified for curve in CURVE_PARAMETERS for name in curve)
     for axle, tyre in enumerate(tyres):
         bound, slip = tyre.slip_bound(config.limits.slip_departure_percent / 100.0), driven.slip[axle]
         assert bound > 1.5 * slip

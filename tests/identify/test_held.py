@@ -8,7 +8,7 @@ import pytest
 
 from codegen.arrays import BoolArray
 from codegen.configuration import Config, parse
-from codegen.identify.parameters import CURVES
+from codegen.identify.parameters import CURVE_PARAMETERS
 from codegen.identify.reached import reached
 from codegen.identify.result import identified_toml
 from codegen.identify.run import Identification, identify
@@ -53,7 +53,7 @@ def test_a_curve_that_was_not_driven_beyond_its_slip_bound_spreads_as_was_assume
     course, known = Course(true), configured_car(true)
     parts = (course.turns(60.0, 2.0), course.front_sweep(60.0, 1.5), course.rear_sweep(60.0))
     found = identify(known, [drive(true, parts, 0, errors, signals=(*SENSOR, "delta_r_command"))])
-    for name in CURVES[0]:
+    for name in CURVE_PARAMETERS[0]:
         one = found.quantities[name]
         spread = one.parameter.spread * (abs(one.value) if one.parameter.is_relative else 1.0)
         assert not one.is_identified, name

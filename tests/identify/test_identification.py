@@ -16,7 +16,7 @@ from codegen.identify.drive import Drive
 from codegen.identify.estimate import Fit
 from codegen.identify.held import undetermined_curves
 from codegen.identify.identifiability import Direction, Identifiability, analyse
-from codegen.identify.parameters import BY_NAME, CURVES, configured
+from codegen.identify.parameters import BY_NAME, CURVE_PARAMETERS, configured
 from codegen.identify.reached import reached
 from codegen.identify.result import grip_reached, identified_keys, identified_toml, understeer_gradient
 from codegen.identify.run import Identification, Quantity, identify, judge
@@ -235,7 +235,7 @@ def test_a_curve_that_is_not_determined_keeps_what_shows_at_its_peak_or_all(
 
 def test_what_is_free_of_a_curve_is_taken_with_it() -> None:
     found = judged("front_shape", 0.7)
-    assert all(found[name].is_identified for name in CURVES[0])
+    assert all(found[name].is_identified for name in CURVE_PARAMETERS[0])
     assert found["front_shape"].note.startswith("not determined alone")
 
 

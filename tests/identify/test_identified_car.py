@@ -11,7 +11,7 @@ import pytest
 import codegen
 from codegen.configuration import load
 from codegen.identify.drive import Drive
-from codegen.identify.summary import CONFIDENCE
+from codegen.identify.summary import CONFIDENCE_FACTOR
 from codegen.importing.toml_edit import whole
 from tests.cli.conftest import Refused, Run
 from tests.identify.drives import SENSOR, Course, configured_car, drive, true_car
@@ -67,7 +67,7 @@ def test_a_configuration_a_report_and_facts_are_written(run: Run, files: Path) -
     inertia = told["quantities"]["yaw_inertia"]
     assert written.vehicle.yaw_inertia_kg_m2 == pytest.approx(inertia["value"], rel=1e-6)
     assert inertia["value"] == pytest.approx(
-        true.vehicle.yaw_inertia_kg_m2, abs=2.0 * CONFIDENCE * inertia["standard_deviation"]
+        true.vehicle.yaw_inertia_kg_m2, abs=2.0 * CONFIDENCE_FACTOR * inertia["standard_deviation"]
     )
     assert told["quantities"]["front_peak"]["value"] is None
     assert written.tyre.front.peak_factor_p1 == load(files / "ars.toml").tyre.front.peak_factor_p1

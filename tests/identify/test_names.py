@@ -11,7 +11,7 @@ import pytest
 from codegen.errors import CodegenError, ConfigError
 from codegen.identify import names as names_module
 from codegen.identify.names import Names, SignalChoice, load_names
-from codegen.identify.quantities import QUANTITIES
+from codegen.identify.quantities import LOG_QUANTITIES
 from codegen.identify.reading import Reading, read_drives
 from tests.identify.made import SIGNALS, frames, write_bus
 
@@ -34,7 +34,7 @@ def without(key: str) -> dict[str, np.ndarray]:
 
 def test_names_has_a_key_for_each_quantity() -> None:
     choices = {key for key, field in Names.model_fields.items() if field.annotation == SignalChoice | None}
-    assert choices == set(QUANTITIES)
+    assert choices == set(LOG_QUANTITIES)
     keys = re.findall(r"^    \[(\w+)\]", names_module.__doc__ or "", re.MULTILINE)
     assert set(keys) <= choices
 
@@ -61,7 +61,7 @@ def test_obvious_names_and_their_units(key: str, name: str, tmp_path: Path) -> N
     reading = read(tmp_path, {**without(needed.get(key, "")), name: 0.1 + 0.01 * np.sin(TIME)})
     source = reading.sources[0][key]
     assert source.channel == name
-    assert reading.drives[0].signals[key][0] == pytest.approx(0.1 * QUANTITIES[key].units[source.unit])
+    assert reading.drives[0].signals[key][0] == pytest.approx(0.1 * LOG_QUANTITIES[key].units[source.unit])
 
 
 def test_the_printed_names_toml_gives_the_same_reading(tmp_path: Path) -> None:

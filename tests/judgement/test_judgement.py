@@ -16,7 +16,7 @@ from codegen.explore.explorer import Explorer
 from codegen.judgement.check import check_path
 from codegen.judgement.drives import DwellFigures, Peaks, StepFigures
 from codegen.judgement.judge import judge, sentence
-from codegen.judgement.model import MISSING, Judgement, Row, Stored, Verdict, of_manifest, of_map
+from codegen.judgement.model import MISSING_RECORD, Judgement, Row, Stored, Verdict, of_manifest, of_map
 from codegen.judgement.rows import dwell_rows, step_rows
 from codegen.map_file import judged
 from codegen.map_file import map as npz
@@ -201,7 +201,7 @@ def test_a_build_takes_a_valid_judgement_along_and_its_c_does_not_change(weak_ma
 
 def test_the_report_leads_with_it(weak: Judgement) -> None:
     assert headline(Stored("current", weak)) == Text(weak.sentence)
-    first = headline(MISSING)
+    first = headline(MISSING_RECORD)
     assert first.kind == "notice" and "`codegen check --drive`" in first.text
     table, *texts = judgement_blocks(Stored("current", weak))
     assert isinstance(table, Table) and len(table.rows) == len(weak.rows)

@@ -9,8 +9,8 @@ import pytest
 from codegen.judgement.bench import Bench
 from codegen.judgement.drives import drive_dwells
 from codegen.judgement.lane_change import (
-    COLUMNS,
     DRIVERS,
+    LANE_CHANGE_COLUMNS,
     LaneChange,
     lane_change_figures,
     largest_entry_speed,
@@ -69,7 +69,9 @@ def test_what_follows_the_end_of_the_scenario_does_not_count() -> None:
     config, scenario = builds.CONFIG, LaneChange.at(50.0, DRIVERS[0])
     wide = replace(scenario, path=lambda _config, start: RoadPath(np.zeros_like, start, 61.0, np.array([[start, -1.0, 1.0]])))
     time = np.arange(1200, dtype=np.float64) * 0.01
-    straight = {name: np.zeros((time.size, 1)) for name in COLUMNS} | {"speed_m_s": np.full((time.size, 1), 50.0 / 3.6)}
+    straight = {name: np.zeros((time.size, 1)) for name in LANE_CHANGE_COLUMNS} | {
+        "speed_m_s": np.full((time.size, 1), 50.0 / 3.6)
+    }
     found = []
     for begin in (scenario.duration - 0.1, scenario.duration + 0.1):
         spins = np.where(time < begin, 0.01, 1.0)[:, np.newaxis]

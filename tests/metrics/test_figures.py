@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from codegen.metrics import TABLES, Runs, StepResponse, figures
-from codegen.metrics.runs import COLUMNS
+from codegen.metrics import METRIC_TABLES, Runs, StepResponse, figures
+from codegen.metrics.runs import METRIC_COLUMNS
 from codegen.sil.software import RECORD_COLUMNS, Status
 from tests import builds
 from tests.hil_sim.made import dwell_record, record, spun
@@ -19,7 +19,7 @@ RATIO = 16.0
 def stacked(*records: np.ndarray, **more: object) -> Runs:
     """Return recordings as n runs, with the columns that a campaign keeps."""
     all_columns = np.stack(records, axis=-1)
-    signals = {name: np.ascontiguousarray(all_columns[:, RECORD_COLUMNS.index(name)]) for name in COLUMNS}
+    signals = {name: np.ascontiguousarray(all_columns[:, RECORD_COLUMNS.index(name)]) for name in METRIC_COLUMNS}
     return Runs(records[0][:, 0], signals, STEER_TIME, **more)
 
 
@@ -126,7 +126,7 @@ def test_a_lateral_acceleration_has_risen_when_it_stays_above() -> None:
     assert found.lateral_acceleration_overshoot_percent[2] == 0.0
 
 
-@pytest.mark.parametrize("kind", TABLES)
+@pytest.mark.parametrize("kind", METRIC_TABLES)
 def test_a_run_does_not_depend_on_the_others(kind: str) -> None:
     """Bit for bit, also for one run alone, whose sums NumPy computes in another order."""
     noise = 1e-3 * np.random.default_rng(1).normal(size=(600, len(RECORD_COLUMNS) - 2))

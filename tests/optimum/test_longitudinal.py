@@ -14,7 +14,7 @@ from codegen.errors import ConfigError, MapError
 from codegen.map_file import map as npz
 from codegen.map_file.longitudinal import like_friction, under_acceleration
 from codegen.map_file.map import Layer, ReferenceMap
-from codegen.map_file.tables import ACCELERATION
+from codegen.map_file.tables import ACCELERATION_STACK
 from codegen.optimum.problem import SteadyTurnProblem
 from codegen.optimum.solve import solve_acceleration_stack, solve_case, solve_stack, stack_of
 from codegen.report.summary import map_summary
@@ -159,7 +159,7 @@ def test_an_acceleration_without_grip_is_refused(tables: dict[str, Any], acceler
 def test_the_layers_of_the_total_map_rise_around_the_map_itself() -> None:
     total = extend(STACKED, CONFIG)
     assert [layer.acceleration for layer in total.stack] == [-4.0, 0.0, 3.0]
-    assert total.quantity is ACCELERATION and total.acceleration == 0.0 and total.axle_shares == (1.0, 1.0)
+    assert total.quantity is ACCELERATION_STACK and total.acceleration == 0.0 and total.axle_shares == (1.0, 1.0)
     for layer in total.layers:
         assert CONFIG.road.friction * min(layer.axle_shares) == like_friction(CONFIG, layer.acceleration)
     assert TotalMap.of_stack(reversed(total.stack)).acceleration == 0.0
@@ -183,7 +183,7 @@ def test_the_stack_only_adds_keys_and_is_read_again() -> None:
     tables = ("yaw_rate", "beta", "delta_r", "feasible", "active")
     assert set(found) - set(plain) == {prefix, *(f"{prefix}_{key}" for key in tables)}
     loaded = npz.from_bytes(npz.to_bytes(STACKED), "test")
-    assert npz.to_bytes(loaded) == npz.to_bytes(STACKED) and loaded.quantity is ACCELERATION
+    assert npz.to_bytes(loaded) == npz.to_bytes(STACKED) and loaded.quantity is ACCELERATION_STACK
     for layer, other in zip(loaded.layers, STACKED.layers, strict=True):
         np.testing.assert_array_equal(layer.map.yaw_rate, other.map.yaw_rate)
         assert (layer.value, layer.map.config, layer.map.meta) == (other.value, other.map.config, other.map.meta)
@@ -233,5 +233,5 @@ def test_two_stacks_are_refused() -> None:
 def test_a_layer_on_other_axes_cannot_be_saved() -> None:
     other = solve_case(changed(CONFIG, grid={"speed_points": 7}), "4ws-2")
     with pytest.raises(MapError, match=r"longitudinal_acceleration\[0\]"):
-        npz.to_bytes(replace(STACKED, layers=(Layer(ACCELERATION, -4.0, other),)))
+        npz.to_bytes(replace(STACKED, layers=(Layer(ACCELERATION_STACK, -4.0, other),)))
     assert CASE  # the random cars have one

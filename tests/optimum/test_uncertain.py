@@ -17,7 +17,7 @@ from codegen.map_file.map import choose_config
 from codegen.optimum.nonlinear import slip_use
 from codegen.optimum.problem import SteadyTurnProblem
 from codegen.optimum.solve import solve_case
-from codegen.optimum.uncertain import CONFIDENCE, SEED, car_count, keeps, lost_allowed, solve_uncertain, uses_of
+from codegen.optimum.uncertain import CONFIDENCE_LEVEL, SEED, car_count, keeps, lost_allowed, solve_uncertain, uses_of
 from codegen.vehicle.population import draw
 from codegen.vehicle.tyre import AxleTyres
 from tests.optimum.cars import PAPER, SteadyModel, changed
@@ -58,11 +58,13 @@ def test_the_map_uses_its_fraction_of_each_limit(tyre_model: str) -> None:
 def test_lost_cars_show_the_share_by_the_exact_binomial_interval(share: float) -> None:
     count = car_count(share)
     allowed = lost_allowed(share, count)
-    two_sided = 2.0 * CONFIDENCE - 1.0
+    two_sided = 2.0 * CONFIDENCE_LEVEL - 1.0
     highest = [binomtest(lost, count).proportion_ci(two_sided, "exact").high for lost in (allowed, allowed + 1)]
     assert highest[0] <= 1.0 - share < highest[1]
     assert share != 0.99 or (count, allowed) == (2_000, 12)
-    assert lost_allowed(share, math.floor(math.log(1.0 - CONFIDENCE) / math.log(share))) == -1  # too few even without a loss
+    assert (
+        lost_allowed(share, math.floor(math.log(1.0 - CONFIDENCE_LEVEL) / math.log(share))) == -1
+    )  # too few even without a loss
 
 
 def test_other_cars_keep_the_limits_in_the_wanted_share() -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 from codegen.emit.inputs_view import AMBIGUOUS_SHARE, BANK_RATE, FRICTION_UNKNOWN, SHORT_SHARE
 from codegen.sil.software import Measurement, Software
-from codegen.verify.drives import NUMBERS
+from codegen.verify.drives import NUMBER_ROLES
 
 
 def strongest_braking(software: Software) -> float:
@@ -83,7 +83,7 @@ class SecondInputs:
             command: last command in rad.
             model: state of the reference model; None for kinds without one.
         """
-        numbers: dict[str, Any] = {name: self.real(getattr(measurement, name)) for name in NUMBERS}
+        numbers: dict[str, Any] = {name: self.real(getattr(measurement, name)) for name in NUMBER_ROLES}
         m = Measurement(**numbers, inhibit=measurement.inhibit)
         p, signals = self.parameter, (self.speed, self.front_angle, self.yaw_rate)
         rear = m.rear_angle if abs(m.rear_angle) <= p("rear_angle_max") else command

@@ -20,7 +20,7 @@ from codegen.ecu_map.total import CapSteering
 from codegen.emit.laws import LAWS
 from codegen.errors import BuildError
 from codegen.map_file.map import changed, own_value
-from codegen.map_file.tables import ACCELERATION, FRICTION
+from codegen.map_file.tables import ACCELERATION_STACK, FRICTION_STACK
 from codegen.sil.software import Software
 from codegen.verify.check import Subject
 
@@ -40,7 +40,7 @@ def lookup_of(subject: Subject, software: Software) -> Lookup:
     """
     facts, kind, real = subject.manifest["map"], LAWS[subject.kind], software.real
     moving = facts.get("longitudinal_accelerations")
-    stack, values = (ACCELERATION, moving) if moving else (FRICTION, facts["frictions"])
+    stack, values = (ACCELERATION_STACK, moving) if moving else (FRICTION_STACK, facts["frictions"])
     count = len(values)
     speed_axis, front_axis, shape = _axes(facts, software)
     yaw_rate = _table(software, "yaw_rate", (count, *shape))

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from codegen.emit.laws import law_of
 from codegen.sil.software import Measurement, Software, Status
-from codegen.verify.drives import NUMBERS
+from codegen.verify.drives import NUMBER_ROLES
 from codegen.verify.long_drives import DAMAGED, SILENT
 from codegen.verify.traffic import Cycle
 from codegen.verify.unit_drives import Stretch
@@ -226,7 +226,7 @@ class InputsPair(Pair):
         period = software.config.controller.sampling_time_s
         self._second = SecondInputs(parameters.inputs, software.real, period, strongest_braking(software), is_trusted=False)
         self._software = software
-        self._names = [name for name in NUMBERS if name in {signal.role for signal in software.measured}]
+        self._names = [name for name in NUMBER_ROLES if name in {signal.role for signal in software.measured}]
         self._parameters = software.ffi.addressof(parameters, "inputs")
         self._state, self._measured, self._found = (software.new(name) for name in ("inputs", "measurement", "measurement"))
         self._step, self._command = software.function("inputs_step"), software.real(0.0)
@@ -364,7 +364,7 @@ class TaskPair(Pair):
 def text_of(sample: Any) -> str:
     """Format an input."""
     if isinstance(sample, Measurement):
-        numbers = ", ".join(f"{getattr(sample, name):.9g}" for name in NUMBERS)
+        numbers = ", ".join(f"{getattr(sample, name):.9g}" for name in NUMBER_ROLES)
         return f"({numbers}, inhibited)" if sample.inhibit else f"({numbers})"
     if isinstance(sample, tuple) and all(isinstance(each, Frame) for each in sample):
         return " ".join(f"0x{frame.id:X} {frame.data.hex()}" for frame in sample[:4]) or "no frame"

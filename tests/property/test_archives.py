@@ -13,14 +13,14 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 from codegen.errors import CodegenError, MapError
 from codegen.map_file import map as refmap
 from codegen.map_file.map import Layer, ReferenceMap
-from codegen.map_file.tables import FRICTION
+from codegen.map_file.tables import FRICTION_STACK
 from tests.map_file.test_map import npy, packed, solved_arrays
 from tests.property.guard import MEMORY_MAX, bounded
 
 ARRAYS = solved_arrays()
 PLAIN = ("vx", "delta_f", "yaw_rate")
 SOLVED = refmap.from_arrays(ARRAYS, "test")
-LAYERS = tuple(Layer(FRICTION, friction, SOLVED) for friction in (0.3, 0.6))
+LAYERS = tuple(Layer(FRICTION_STACK, friction, SOLVED) for friction in (0.3, 0.6))
 STACKED = ReferenceMap(**{**vars(SOLVED), "layers": LAYERS})
 
 

@@ -6,7 +6,16 @@ from typing import Any
 import numpy as np
 
 from hil_sim.scenarios import PATH_SCENARIOS
-from hil_sim.suite.cells import DURATION, NOMINAL, SHARES, SPEEDS_KM_H, STEER_TIME, Cell, conditions, lags
+from hil_sim.suite.cells import (
+    CELL_ANGLE_SHARES,
+    CELL_DURATION,
+    CELL_SPEEDS_KM_H,
+    CELL_STEER_TIME,
+    NOMINAL,
+    Cell,
+    conditions,
+    lags,
+)
 from hil_sim.suite.controller_properties import (
     SINE_FREQUENCIES_HZ,
     TIMINGS,
@@ -23,7 +32,7 @@ from tests.hil_sim import made as recordings
 
 SUBJECTS = ("tracking", "pi", "feedforward", "proportional", "passive")
 LAGS, CONDITIONS = lags(builds.CONFIG.rear_actuator.lag_s), conditions(builds.CONFIG)
-CELLS = tuple(Cell(speed, share * 200.0 / speed, share) for speed in SPEEDS_KM_H for share in SHARES)
+CELLS = tuple(Cell(speed, share * 200.0 / speed, share) for speed in CELL_SPEEDS_KM_H for share in CELL_ANGLE_SHARES)
 OVERSHOOT = {"tracking": 1.0, "pi": 20.0, "feedforward": 4.0, "proportional": 5.0, "passive": 8.0}
 """% at the smallest share, and in proportion to the share elsewhere."""
 RISE = {"tracking": 0.3, "pi": 0.25, "feedforward": 0.28, "proportional": 0.31, "passive": 0.33}
@@ -34,7 +43,10 @@ def cell_result(subject: str, cell: Cell, condition: str, **figures: Any) -> Cel
     values = {
         "spun_at_s": None,
         "settled": True,
-        "overshoot_percent": OVERSHOOT[subject] * (cell.share or 1.0) / SHARES[0] * (0.5 if subject == "tracking" else 1.0),
+        "overshoot_percent": OVERSHOOT[subject]
+        * (cell.share or 1.0)
+        / CELL_ANGLE_SHARES[0]
+        * (0.5 if subject == "tracking" else 1.0),
         "rise_time_s": RISE[subject],
         "settling_time_s": 0.5,
         "sideslip_max_deg": 2.5,
@@ -70,10 +82,10 @@ def table(subject: str, condition: str) -> tuple[CellResult, ...]:
 
 def record(subject: str) -> np.ndarray:
     """Return the record of a step; the passive car spins one second after it."""
-    late = np.clip(np.arange(round(DURATION / 0.01)) * 0.01 - STEER_TIME, 0.0, None)
+    late = np.clip(np.arange(round(CELL_DURATION / 0.01)) * 0.01 - CELL_STEER_TIME, 0.0, None)
     place = SUBJECTS.index(subject)
     step = recordings.record(
-        DURATION,
+        CELL_DURATION,
         speed_m_s=30.0,
         front_angle_rad=0.05 * (late > 0.0),
         yaw_rate_rad_s=0.3 * (1.0 - np.exp(-late * (5.0 + place))) * (1.0 + 0.1 * place),
@@ -81,7 +93,7 @@ def record(subject: str) -> np.ndarray:
         sideslip_rad=0.01 * place * (1.0 - np.exp(-3.0 * late)),
         rear_angle_rad=0.02 * (1.0 - np.exp(-6.0 * late)) * (subject != "passive"),
     )
-    return recordings.spun(step, STEER_TIME + 1.0) if subject == "passive" else step
+    return recordings.spun(step, CELL_STEER_TIME + 1.0) if subject == "passive" else step
 
 
 def margins(*, stable: bool) -> FamilyMargins:

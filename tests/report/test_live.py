@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.console import Console
 
-from codegen.emit.can_view import DIAGNOSTICS as IN_THE_C
+from codegen.emit.can_view import DIAGNOSTIC_CAUSES as IN_THE_C
 from codegen.report.live import History, LiveSample, LiveStyle, LiveView, draw
 from codegen.sil.software import Status
 from hil_sim.codec import DIAGNOSTICS, causes

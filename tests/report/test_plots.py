@@ -20,7 +20,7 @@ from scipy.interpolate import RegularGridInterpolator
 from codegen.figures import curves, runs, scenarios
 from codegen.figures import maps as map_charts
 from codegen.figures.data import MUTED, VERMILION, PlotError
-from codegen.figures.draw import COLOURS, draw, new_figure, save, to_bytes
+from codegen.figures.draw import THEME_COLOURS, draw, new_figure, save, to_bytes
 from codegen.map_file.bounds import Binding, binding_text
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.nonlinear import slip_use
@@ -286,7 +286,7 @@ def test_a_run_shows_its_columns_with_dashed_reference_and_command() -> None:
     for axes, name in zip(figure.axes, columns, strict=True):
         line, others = line_of(axes, runs.RUN_NAMES["C1"]), dashed(axes)
         assert line.get_color() == VERMILION
-        assert [one.get_color() for one in others] == ([VERMILION, COLOURS[MUTED]] if name in dashes else [])
+        assert [one.get_color() for one in others] == ([VERMILION, THEME_COLOURS[MUTED]] if name in dashes else [])
         drawn = [(line, "C1", name), *((one, run, dashes[name]) for one, run in zip(others, ("C1", "C2"), strict=False))]
         for one, run, column in drawn:
             expected = np.interp(one.get_xdata(), TIME, RUNS[run][:, RECORD_COLUMNS.index(column)])

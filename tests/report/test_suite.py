@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from codegen.figures import suites as suite_charts
 from codegen.figures.data import CONTROLLER_COLOURS, symlog
-from codegen.figures.draw import COLOURS as INKS
+from codegen.figures.draw import THEME_COLOURS as INKS
 from codegen.figures.draw import draw
 from codegen.report.suite_tables import WIDTH, failures, sections
 from hil_sim.suite.tracking import ExternalFigures, SuiteResult
@@ -64,7 +64,7 @@ def test_cells_and_conditions_show_every_value(good: SuiteResult, figures: dict[
     pi, passive = figures["cells"].axes[1], figures["cells"].axes[4]
     assert [text.get_text() for text in pi.texts[:4]] == ["20", "40", "60", "80"]
     assert [text.get_text() for text in passive.texts].count("spin") == 3
-    assert (passive.collections[0].get_array() == len(suite_charts.LEVELS)).sum() == 3  # spins
+    assert (passive.collections[0].get_array() == len(suite_charts.SHADE_LEVELS)).sum() == 3  # spins
     assert len(pi.texts) == len(CELLS)
     overshoot, sideslip, error, spins = figures["conditions"].axes
     place = [condition.name for condition in good.conditions].index("friction-60")

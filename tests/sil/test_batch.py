@@ -353,8 +353,8 @@ if AVAILABLE_ISAS[0] != "none":  # without vectors there is no fallback from the
     def test_a_silent_fallback_is_detected(lost: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
         """Without some of its flags GCC silently calls the function once per number."""
         assert vector.compiler_offers(AVAILABLE_ISAS[0])  # cached before the flags change
-        kept = tuple(flag for flag in vector.FLAGS[AVAILABLE_ISAS[0]] if flag not in lost)
-        monkeypatch.setitem(vector.FLAGS, AVAILABLE_ISAS[0], kept)
+        kept = tuple(flag for flag in vector.VECTOR_FLAGS[AVAILABLE_ISAS[0]] if flag not in lost)
+        monkeypatch.setitem(vector.VECTOR_FLAGS, AVAILABLE_ISAS[0], kept)
         folder = builds.paper().folder
         with pytest.raises(BuildError, match="did not vectorise"):
             compile_batch(folder.files, folder.manifest, isa=AVAILABLE_ISAS[0])

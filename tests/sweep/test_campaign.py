@@ -24,7 +24,7 @@ from codegen.sweep import store
 from codegen.sweep.chunk import replay, run_chunk, software
 from codegen.sweep.engine import Threads, run_campaign
 from codegen.sweep.plan import Plan
-from codegen.sweep.store import RUNS, part_path
+from codegen.sweep.store import RUNS_FILE, part_path
 from hil_sim.suite import cells
 from tests.sweep.conftest import SAMPLES, Recording, write_spec
 
@@ -122,7 +122,7 @@ def test_damaged_files_are_reported(plan: Plan, whole: Path, tmp_path: Path) -> 
     with pytest.raises(CodegenError, match="remove it, and run the same command again"):
         run_campaign(plan, folder, Recording(lambda number: part_path(folder, number).write_bytes(b"PAR1")))
     shutil.copytree(whole.parent, tmp_path / "file")
-    (tmp_path / "file" / RUNS).write_bytes(whole.read_bytes()[:2000])
+    (tmp_path / "file" / RUNS_FILE).write_bytes(whole.read_bytes()[:2000])
     with pytest.raises(CodegenError, match="it is damaged"):
         run_campaign(plan, tmp_path / "file", Threads(1))
     for content in (b"\xff\xfe{}", b"{", b"[" * 1_000_000):

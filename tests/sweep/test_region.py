@@ -14,10 +14,10 @@ from codegen.sil.batch import BatchSoftware
 from codegen.sweep import region as regions
 from codegen.sweep.region import (
     ALONE_UNSTABLE,
-    FRICTIONS,
     MASSES_PERCENT,
     MODEL_UNSTABLE,
-    SPEEDS_KM_H,
+    REGION_FRICTIONS,
+    REGION_SPEEDS_KM_H,
     UNEXPLAINED,
     Region,
     _is_stable,
@@ -29,7 +29,7 @@ from codegen.verify.check import Subject
 from tests import builds
 
 GENERATED = Path(__file__).parents[2] / "generated"
-SHAPE = (len(MASSES_PERCENT), len(FRICTIONS), len(SPEEDS_KM_H))
+SHAPE = (len(MASSES_PERCENT), len(REGION_FRICTIONS), len(REGION_SPEEDS_KM_H))
 
 
 @pytest.fixture(scope="module")
@@ -71,9 +71,9 @@ def test_with_motor_and_backlash_the_gain_margins_are_those_of_the_generated_c(m
 def test_the_region_ends_with_the_margins() -> None:
     """Its grid has the last speed of a designed controller, and of fixed gains only those that the controller accepts."""
     tracking, pi = builds.TRACKING_CONFIG, builds.CONFIG
-    assert speeds_of(tracking) == SPEEDS_KM_H[:6] and speeds_of(pi) == SPEEDS_KM_H
-    assert speeds_of(tracking.replace({"vehicle.top_speed_km_h": 150.0})) == (*SPEEDS_KM_H[:7], 150.0)
-    assert speeds_of(pi.replace({"vehicle.top_speed_km_h": 90.0})) == (*SPEEDS_KM_H[:4], 90.0)
+    assert speeds_of(tracking) == REGION_SPEEDS_KM_H[:6] and speeds_of(pi) == REGION_SPEEDS_KM_H
+    assert speeds_of(tracking.replace({"vehicle.top_speed_km_h": 150.0})) == (*REGION_SPEEDS_KM_H[:7], 150.0)
+    assert speeds_of(pi.replace({"vehicle.top_speed_km_h": 90.0})) == (*REGION_SPEEDS_KM_H[:4], 90.0)
 
 
 def test_poles_and_margins_agree(linear: Region) -> None:
@@ -112,7 +112,7 @@ def test_a_linearisation_with_other_gains_or_margins_is_contradicted(linear: Reg
     disagreeing = replace(other, driven=wrong.driven)
     cells = int(disagreeing.contradicted.sum())
     assert cells > 20
-    first = SPEEDS_KM_H[int(disagreeing.contradicted.any(axis=(0, 1)).argmax())]
+    first = REGION_SPEEDS_KM_H[int(disagreeing.contradicted.any(axis=(0, 1)).argmax())]
     message = disagreeing.disagreement
     # The paper's car is stable without control and its law has no reference model: nothing explains them.
     assert (
@@ -136,7 +136,7 @@ def test_a_disagreement_names_its_own_cause_and_a_possible_remedy(linear: Region
 
     def message(speed_km_h: float, **changes: Any) -> str:
         driven = linear.stable.copy()
-        driven[1, 4, SPEEDS_KM_H.index(speed_km_h)] ^= True
+        driven[1, 4, REGION_SPEEDS_KM_H.index(speed_km_h)] ^= True
         growth = np.where(linear.stable, -1.0, 1.0)
         return replace(linear, driven=driven, growth=growth, **changes).disagreement
 

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from codegen.emit.can_view import DIAGNOSTICS
+from codegen.emit.can_view import DIAGNOSTIC_CAUSES
 from codegen.sil.closed_loop import ClosedLoop, LoopOptions
 from codegen.sil.software import RECORD_COLUMNS, Status, compile_build
 from codegen.verify import traffic
@@ -57,7 +57,7 @@ def test_disturbed_traffic_sets_every_diagnostic_and_reaches_every_status() -> N
     assert max(map(len, disturbed)) <= traffic.FRAMES
     results = host().run(batch, rows_of_cycles(disturbed, batch, np.uint32, traffic.restarts_of(2_000)))
     causes = np.bitwise_or.reduce(column("task", results, "data[4..7]") >> 16)
-    assert causes == 2 ** len(DIAGNOSTICS) - 1
+    assert causes == 2 ** len(DIAGNOSTIC_CAUSES) - 1
     reached = set(column("task", results, "state.controller.status").tolist())
     assert reached >= set(Status) - {Status.STANDBY}, "standby is that of a car without a speed"
     assert set(column("task", results, "complete").tolist()) == {0, 1}

@@ -29,7 +29,7 @@ def stand_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     programs = tmp_path / "cache" / "cbmc" / "bin"
     programs.mkdir(parents=True)
     script = f'#!/bin/sh\ncase "$*" in *CHECK_END*) cat {tmp_path}/end;; *) cat {tmp_path}/answer; . {tmp_path}/more;; esac\n'
-    for name in (*cbmc.PROGRAMS, "bitwuzla"):
+    for name in (*cbmc.CBMC_PROGRAMS, "bitwuzla"):
         (programs / name).write_text(script)
         (programs / name).chmod(0o755)
     (tmp_path / "more").write_text("")

@@ -37,14 +37,14 @@ def test_a_committed_record_is_of_the_committed_build(name: str) -> None:
 
 
 def test_every_check_has_its_tables() -> None:
-    assert list(manual.TABLES) == [check.name for check in CHECKS]
+    assert list(manual.FIGURE_TABLES) == [check.name for check in CHECKS]
 
 
 def text_of(manifest: Manifest, **outcomes: Outcome) -> str:
     """Return the manual with its sentences on one line each."""
     named = {name.replace("_", "-"): outcome for name, outcome in outcomes.items()}
     report = VerificationReport(Subject("sample", {}, manifest, (), "0123abcd" * 8), Effort(), named)
-    text = manual.manual(record.to_dict(report), manifest, record.TITLES)
+    text = manual.manual(record.to_dict(report), manifest, record.CHECK_TITLES)
     assert text.isascii()
     assert "None" not in text, "a value that is missing"
     return text.replace("\n  ", " ")

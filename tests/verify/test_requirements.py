@@ -60,5 +60,5 @@ def test_without_proofs_their_requirements_are_not_run() -> None:
 
 def test_the_table_reads_back_as_csv() -> None:
     header, *rows = csv.reader(requirements.table(requirements.entries(checks(), "ars")).decode().splitlines())
-    assert tuple(header) == requirements.HEADER
+    assert tuple(header) == requirements.REQUIREMENT_HEADER
     assert [row[0] for row in rows] == [each.id for each in REQUIREMENTS]

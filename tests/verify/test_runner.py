@@ -57,7 +57,7 @@ def passed(folder: Path, quick: bool = False) -> VerificationReport:
 
 
 def manual_of(report: VerificationReport) -> str:
-    return manual(record.to_dict(report), report.subject.manifest, record.TITLES)
+    return manual(record.to_dict(report), report.subject.manifest, record.CHECK_TITLES)
 
 
 def test_each_check_has_its_outcome_in_the_order_of_the_list(report: VerificationReport) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from codegen.emit.deviations import FILE, excerpt, read_deviations
+from codegen.emit.deviations import DEVIATIONS_FILE, excerpt, read_deviations
 from codegen.errors import CodegenError
 from codegen.verify import on_host
 from codegen.verify.analysis import analysers
@@ -30,7 +30,7 @@ def checked(files: Mapping[str, bytes]) -> Outcome:
 
 
 def with_rows(files: Mapping[str, bytes], *rows: str) -> dict[str, bytes]:
-    return {**files, FILE: files[FILE] + "".join(f"{row}\n" for row in rows).encode()}
+    return {**files, DEVIATIONS_FILE: files[DEVIATIONS_FILE] + "".join(f"{row}\n" for row in rows).encode()}
 
 
 @functools.cache
@@ -38,7 +38,9 @@ def small() -> dict[str, bytes]:
     """Return the small build with the rows for the missing units, whose names are otherwise undefined or unused."""
     others = re.compile(r"\| src/(?!ars_e2e|ars_limiter)|\|[^|]*\|[^|]*\| 5\.9 \|")
     files = {path: content for path, content in PI.files.items() if path.startswith("include/") or path in UNITS}
-    files[FILE] = b"".join(line for line in PI.files[FILE].splitlines(keepends=True) if not others.match(line.decode()))
+    files[DEVIATIONS_FILE] = b"".join(
+        line for line in PI.files[DEVIATIONS_FILE].splitlines(keepends=True) if not others.match(line.decode())
+    )
     functions = [
         (path, match)
         for path in UNITS
@@ -58,7 +60,7 @@ def test_a_build_passes_with_its_rows() -> None:
     files = {**small(), LIMITER: b"/* one */\n/* two */\n" + small()[LIMITER]}
     outcome = checked(files)
     assert (outcome.findings, outcome.verdict) == ((), Verdict.PASSED)
-    listed = [row for _, row in read_deviations(files[FILE].decode())]
+    listed = [row for _, row in read_deviations(files[DEVIATIONS_FILE].decode())]
     assert sum(outcome.figures["deviations"].values()) == len(listed) <= sum(outcome.figures["findings"].values())
     assert set(outcome.figures["deviations"]) == {"8.7", "8.9", "19.2", "multiCondition"}
 
@@ -93,29 +95,32 @@ def test_violations_and_wrong_rows_are_located() -> None:
     for function, faults in PLANTED:
         violations += [(text.count("\n") + 1 + offset, rule) for offset, rule in faults.items()]
         text += function
-    lines = files[FILE].decode().splitlines(keepends=True)
+    lines = files[DEVIATIONS_FILE].decode().splitlines(keepends=True)
     gone, twice, *_ = (number for number, row in read_deviations("".join(lines)) if row.file == E2E)
     unlisted, doubled = dict(read_deviations("".join(lines)))[gone], lines[twice - 1]
     unlisted_line = [excerpt(line) for line in files[E2E].decode().splitlines()].index(unlisted.code) + 1
     del lines[gone - 1]
-    table = {FILE: "".join((*lines, doubled)).encode(), LIMITER: text.encode()}
+    table = {DEVIATIONS_FILE: "".join((*lines, doubled)).encode(), LIMITER: text.encode()}
     outcome = checked(with_rows({**files, **table}, *ROWS))
     assert outcome.verdict is Verdict.FAILED
     count, found = len(lines) + 1, set(outcome.findings)
-    of_table = {each for each in found if each.startswith(FILE)}
+    of_table = {each for each in found if each.startswith(DEVIATIONS_FILE)}
     double = next(each for each in of_table if each.endswith(f"is listed in line {twice - 1} already"))
-    assert double.startswith(f"{FILE}:{count}: ")
+    assert double.startswith(f"{DEVIATIONS_FILE}:{count}: ")
     assert of_table - {double} == {
-        f"{FILE}:{count + 2}: rule 17.3 is mandatory: there is no deviation from it",
-        f"{FILE}:{count + 3}: rule 10.3 is required, not advisory",
+        f"{DEVIATIONS_FILE}:{count + 2}: rule 17.3 is mandatory: there is no deviation from it",
+        f"{DEVIATIONS_FILE}:{count + 3}: rule 10.3 is required, not advisory",
         *(
-            f"{FILE}:{count + k}: rule {rule} is not broken in {'ars_crc (src/ars_e2e.c)' if k == 1 else 'src/ars_e2e.c'}: "
-            "a deviation without a finding"
+            f"{DEVIATIONS_FILE}:{count + k}: rule {rule} is not broken in "
+            f"{'ars_crc (src/ars_e2e.c)' if k == 1 else 'src/ars_e2e.c'}: a deviation without a finding"
             for k, rule in enumerate(("15.5", "17.3", "10.3", "-Wanalyzer-null-dereference"), 1)
         ),
     }
     for file, line, rule in ((E2E, unlisted_line, unlisted.rule), *((LIMITER, *each) for each in violations)):
-        assert any(each.startswith(f"{file}:{line}: ") and f"[{rule}], not in {FILE}" in each for each in found), (line, rule)
+        assert any(each.startswith(f"{file}:{line}: ") and f"[{rule}], not in {DEVIATIONS_FILE}" in each for each in found), (
+            line,
+            rule,
+        )
     others = [each for each in found - of_table if not each.startswith(f"{E2E}:{unlisted_line}: ")]
     assert all(int(re.match(rf"{LIMITER}:(\d+): ", each)[1]) >= first for each in others)  # type: ignore[index]
 
@@ -132,8 +137,8 @@ def test_a_table_with_a_missing_number_or_other_than_plain_literals_is_found() -
 
 
 def test_without_an_analysing_gcc_or_a_readable_table_it_is_not_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    head = PI.files[FILE].partition(b"| src/")[0]
-    files = with_rows({**small(), FILE: head}, ROWS[-1])  # this row's validity cannot be decided
+    head = PI.files[DEVIATIONS_FILE].partition(b"| src/")[0]
+    files = with_rows({**small(), DEVIATIONS_FILE: head}, ROWS[-1])  # this row's validity cannot be decided
     monkeypatch.setattr(analysers, "judged_by_misra", lambda tree: ())
     monkeypatch.setattr(analysers, "judged_as_programs", lambda *given: ())
     monkeypatch.setattr(analysers, "GCC_FLAGS", ("-std=c99", "-O2"))
@@ -143,7 +148,7 @@ def test_without_an_analysing_gcc_or_a_readable_table_it_is_not_run(monkeypatch:
     assert "does not find what was planted" in why
     monkeypatch.setattr(on_host, "gcc", lambda: None)
     outcome = checked(files)
-    assert (outcome.verdict, outcome.findings) == (Verdict.NOT_RUN, (on_host.MISSING,))
+    assert (outcome.verdict, outcome.findings) == (Verdict.NOT_RUN, (on_host.GCC_MISSING,))
     with pytest.raises(CodegenError, match=r"deviations\.md: line \d+ is not a row .* build it again"):
         checked(with_rows(PI.files, "| src/ars_map.c | 12 | 15.5 | advisory | no reason |"))
 

@@ -12,7 +12,7 @@ from typing import Self
 
 from codegen.configuration.xcp import MANDATORY_COMMANDS, NATIVE_COMMANDS
 from codegen.sil.toolchain import require_success, run
-from codegen.verify.sanitizers.sanitized import FLAGS, SANITIZERS, environment, find_compiler, launcher
+from codegen.verify.sanitizers.sanitized import SANITIZER_FLAGS, SANITIZERS, environment, find_compiler, launcher
 from hil_sim.ecu_process import section_flag
 
 CALIBRATION, MEASUREMENTS = 0x1000_0000, 0x2000_0000
@@ -60,7 +60,7 @@ def dword(value: int) -> bytes:
 def compile_slave(at: Path, build: Path = BUILD) -> Path:
     """Compile a build and the harness in a folder; return the program."""
     compiler = find_compiler().command
-    flags = (*FLAGS, SANITIZERS, "-fno-pie", section_flag("ars"), "-Iinclude", "-Ilinux")
+    flags = (*SANITIZER_FLAGS, SANITIZERS, "-fno-pie", section_flag("ars"), "-Iinclude", "-Ilinux")
     for folder in ("include", "src", "linux"):
         shutil.copytree(build / folder, at / folder)
     (at / "slave.c").write_bytes(HARNESS.read_bytes())

@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 from codegen import __version__, configuration
 from codegen.configuration import Config
 from codegen.configuration.can import NODES
-from codegen.emit.build import NUMBERS, BuildView
+from codegen.emit.build import NAMED_NUMBERS, BuildView
 from codegen.emit.can_view import CanView, Cause, task_view
 from codegen.emit.folder import MANIFEST, Folder, read_files, verify_hashes
 from codegen.emit.manifest import read_build
@@ -180,7 +180,7 @@ def _context(manifest: Mapping[str, Any], config: Config, protection: Protection
         "component": prefix.capitalize(),
         "kind": options["kind"],
         "real": c_type(precision),
-        **{name: literal(value, precision) for name, value in NUMBERS.items()},
+        **{name: literal(value, precision) for name, value in NAMED_NUMBERS.items()},
         "map": {"bits_type": f"uint{bits}_t", "magnitude_bits": magnitude_bits(bits)},
         "controller": {"sampling_time": literal(period, precision)},
         "measured": config.can.measured,

@@ -23,7 +23,7 @@ from codegen.emit.map_view import FRONT_ANGLE_TOP, SPEED_TOP, TABLE_RANGES
 from codegen.emit.render import exact_decimal
 from codegen.emit.text import KEYWORDS, Precision, digits
 from codegen.errors import BuildError
-from codegen.map_file.tables import ACCELERATION, FRICTION
+from codegen.map_file.tables import ACCELERATION_STACK, FRICTION_STACK
 from codegen.units import NONE, Unit, unit_of
 
 NOT_AVAILABLE = "not available"
@@ -304,7 +304,7 @@ def map_views(manifest: Mapping[str, Any], prefix: str, precision: Precision) ->
         shape = tuple(symbol["shape"])
         layers = shape[0] if len(shape) == 3 else 0
         moving = manifest["map"].get("longitudinal_accelerations")
-        stack, values = (ACCELERATION, moving) if moving else (FRICTION, manifest["map"]["frictions"])
+        stack, values = (ACCELERATION_STACK, moving) if moving else (FRICTION_STACK, manifest["map"]["frictions"])
         roads = f"{'' if moving else 'road '}{stack.title} of {', '.join(f'{each:g}' for each in values)}"
         roads += f" {stack.unit}" if stack.unit else ""
         found.append(

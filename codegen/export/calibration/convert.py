@@ -24,7 +24,7 @@ from codegen.files import read_text
 from codegen.importing.toml_edit import replace_values, whole
 from codegen.map_file import map as npz
 from codegen.map_file.map import SCHEMA_VERSION, ReferenceMap
-from codegen.map_file.tables import ACCELERATION, FRICTION
+from codegen.map_file.tables import ACCELERATION_STACK, FRICTION_STACK
 
 AUTHOR = "codegen calibrate"
 REMARK = f"{AUTHOR} wrote into this table."
@@ -194,9 +194,9 @@ def map_of(values: Values, build: BuildCalibration, name: object) -> WrittenMap:
         lost = tuple(_lost(values, build, rows, columns))
     with_rear = any(each.name.startswith(f"{prefix}rear_angle") for each in build.layout.tables)
     moving = facts.get("longitudinal_accelerations")
-    stack, of_layers = (ACCELERATION, moving) if moving else (FRICTION, facts["frictions"])
+    stack, of_layers = (ACCELERATION_STACK, moving) if moving else (FRICTION_STACK, facts["frictions"])
     own = of_layers.index(0.0) if moving else len(of_layers) - 1
-    takes_acceleration = ACCELERATION.key in build.config.can.vehicle_conditions.signals()
+    takes_acceleration = ACCELERATION_STACK.key in build.config.can.vehicle_conditions.signals()
     roads = [(facts["friction"], value) if moving else (value, *([0.0] if takes_acceleration else [])) for value in of_layers]
     layers = [build.looked_up(values, speed, front_angle, road, with_rear_angle=with_rear) for road in roads]
     arrays: dict[str, Any] = {"vx": speed, "delta_f": front_angle}

@@ -17,13 +17,13 @@ from codegen.export.calibration.layout import CalibrationObject, Layout, Values
 from codegen.files import read_file, refuse_empty
 from codegen.limits import Limits
 
-READERS = {".dcm": dcm, ".cdfx": cdf}
+CALIBRATION_READERS = {".dcm": dcm, ".cdfx": cdf}
 """Module of each format by extension, with `read` and `write`."""
 
 
 def read_set(path: Path, layout: Layout) -> Values:
     """Return the values of a file that belong to a build; see `values_of`. Raises CodegenError."""
-    reader = READERS.get(path.suffix.lower())
+    reader = CALIBRATION_READERS.get(path.suffix.lower())
     if reader is None:
         raise CodegenError(
             f"{path.suffix or 'no extension'} is not supported",

@@ -29,7 +29,7 @@ from codegen.export.a2l import fill
 from codegen.export.elf import Elf
 from codegen.export.fmu import layers
 from codegen.export.fmu.description import Description, build_description, model_description
-from codegen.export.fmu.model_view import ROOTS, TITLES, context, row, step_size
+from codegen.export.fmu.model_view import MODEL_TITLES, ROOTS, context, row, step_size
 from codegen.export.fmu.variables import WITH_BUS, Variable, Version, What, parameter_variables, variables_of
 from codegen.requirements import missing, pip_install
 from codegen.sil.compile import DEFAULT_FLAGS
@@ -221,7 +221,7 @@ def make_fmu(build: Path, what: What, version: Version) -> Fmu:
         version=version,
         identifier=re.sub(r"\W", "_", identifier, flags=re.ASCII),
         name=f"{name}: {what}",
-        about=f"Active rear steering, {TITLES[what]}: C of the build {name}, kind {manifest['options']['kind']}",
+        about=f"Active rear steering, {MODEL_TITLES[what]}: C of the build {name}, kind {manifest['options']['kind']}",
         build_id=str(manifest["build_id"]),
         tool=f"ars-codegen {__version__}",
         token="",

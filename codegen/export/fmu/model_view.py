@@ -12,7 +12,7 @@ from codegen.emit.text import Precision, literal
 from codegen.export.fmu.variables import WITH_BUS, Role, Variable, Version, What
 from codegen.sil.software import COUNTERS
 
-TITLES: dict[What, str] = {
+MODEL_TITLES: dict[What, str] = {
     "controller": "the controller",
     "plant": "the car",
     "loop": "the car with the controller, in closed loop",
@@ -80,7 +80,7 @@ def _model(what: What, config: Config, prefix: str, variables: Sequence[Variable
         ],
     }
     return {
-        "title": TITLES[what],
+        "title": MODEL_TITLES[what],
         "headers": [*(["plant.h"] if has_plant else []), *own, *(["can_node.h"] if what in WITH_BUS else [])],
         "constants": {**_constants(what, config, steps), **({"PERIODIC_CLOCK": clock} if what in WITH_BUS else {})},
         "numbers": {name: literal(value, "double") for name, value in numbers.items()},

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from codegen.figures.data import BLUE, GREEN, MUTED, VERMILION, Chart, axis, layout, line
 from codegen.identify.candidates import Candidate
 from codegen.identify.drive_plan import DrivePlan
-from codegen.identify.identifiability import SHARE_MAX
+from codegen.identify.identifiability import DETERMINED_SHARE_MAX
 from codegen.identify.plan_output import DRIVE_HEADER, PREDICTED_HEADER, drive_rows, need_lines, predicted_rows
 from codegen.report.html.blocks import Block, Gallery, Section, Table, Text
 from codegen.units import DEGREE, KM_H
@@ -74,7 +74,14 @@ def _bars(plan: DrivePlan) -> Chart:
         "hovertemplate": "%{y}: %{x:.2g} %<extra></extra>",
     }
     lowest = math.floor(math.log10(100.0 * min(each.share for each in known)))
-    edge = {"type": "line", "x0": 100.0 * SHARE_MAX, "x1": 100.0 * SHARE_MAX, "yref": "paper", "y0": 0, "y1": 1}
+    edge = {
+        "type": "line",
+        "x0": 100.0 * DETERMINED_SHARE_MAX,
+        "x1": 100.0 * DETERMINED_SHARE_MAX,
+        "yref": "paper",
+        "y0": 0,
+        "y1": 1,
+    }
     look = layout(
         xaxis=axis("Standard deviation, % of that before the drives", type="log", range=[lowest, 2.05], dtick=1),
         yaxis=axis(""),
@@ -82,7 +89,7 @@ def _bars(plan: DrivePlan) -> Chart:
         margin={"l": 190, "r": 20, "t": 30, "b": 50},
     )
     caption = (
-        f"Predicted standard deviation of each quantity. Left of the dashed line, at {100.0 * SHARE_MAX:.0f} %, it is "
-        "determined; a tyre curve is determined with its D."
+        f"Predicted standard deviation of each quantity. Left of the dashed line, at {100.0 * DETERMINED_SHARE_MAX:.0f} %, "
+        "it is determined; a tyre curve is determined with its D."
     )
     return Chart("uncertainty", {"data": [bars], "layout": look}, caption, caption, 640)

@@ -23,13 +23,13 @@ from codegen.metrics.step import STEADY_WINDOW
 from codegen.report.bus_tables import fault_data
 from codegen.report.html.inputs import Files, read_files
 from codegen.report.html.report import Material, to_compare
-from codegen.report.html.runs import HANDLING, RESPONSE
+from codegen.report.html.runs import HANDLING_SCENARIOS, RESPONSE
 from codegen.sil.software import load
 from codegen.sweep.region import Region, confirm, region
 from hil_sim.bench import run, run_through_can
 from hil_sim.fault_catalogue import run_all
 from hil_sim.scenario_files import of_run
-from hil_sim.scenarios import DEFAULT, Scenario, find
+from hil_sim.scenarios import DEFAULT_SCENARIO, Scenario, find
 from hil_sim.suite.subjects import Build, Subject, around_folder, of_folder
 
 Steps = Callable[[int, int], None]
@@ -67,7 +67,7 @@ class Request:
 
     def scenario_for(self, config: Config) -> Scenario:
         """Return the named scenario, else the default one. Raises CodegenError if there is none of that name."""
-        return self.scenario if isinstance(self.scenario, Scenario) else find(self.scenario or DEFAULT, config)
+        return self.scenario if isinstance(self.scenario, Scenario) else find(self.scenario or DEFAULT_SCENARIO, config)
 
 
 @dataclass(frozen=True)
@@ -237,7 +237,7 @@ def _driven(found: Read, material: Material, steps: Steps) -> Material:
             runs[PASSIVE] = run(software, scenario, controlled=False)
         more = {
             each.name: {kind: run(software, each), PASSIVE: run(software, each, controlled=False)}
-            for each in (HANDLING, RESPONSE)
+            for each in (HANDLING_SCENARIOS, RESPONSE)
         }
         faults = material.faults
         if faults is None:

@@ -36,7 +36,7 @@ from codegen.identify.summary import (
 from codegen.identify.validation import Validation
 from codegen.report.html.blocks import Block, Gallery, Section, Table, Text
 from codegen.units import DEGREE, KM_H
-from codegen.vehicle.population import BAND, COVERAGE, draw
+from codegen.vehicle.population import BAND, BAND_SHARE, draw
 from codegen.vehicle.tyre import AxleTyres
 
 POINTS_MAX = 3_000
@@ -102,7 +102,7 @@ def _spread(identified: Config) -> Iterator[Block]:
         ]
     look = layout(xaxis=axis("Front angle (deg)"), yaxis=axis("Yaw rate (deg/s)", rangemode="tozero"))
     caption = (
-        f"Yaw rate of the case {spread.case}. Lines: the identified car. Bands: {100.0 * COVERAGE:g} % of "
+        f"Yaw rate of the case {spread.case}. Lines: the identified car. Bands: {100.0 * BAND_SHARE:g} % of "
         f"{spread.cars} cars drawn from the values, standard deviations and correlations above, no key with less than "
         f"±{identified.identified.interval_floor_percent:g} %. A line ends where its car has "
         "no feasible turn, a band where half of the cars have none. The line need not lie in the middle: a limit that one car "
@@ -199,7 +199,7 @@ def _curves(found: Identification, identified: Config, one: Reached) -> list[Cha
             look = {"fill": "toself", "fillcolor": BANDS[0][1], "hoverinfo": "skip", "width": 0}
             edges = np.concatenate([low, high[::-1]])
             data.append(
-                line(np.concatenate([slips, slips[::-1]]) / DEGREE, edges, f"{100.0 * COVERAGE:g} % band", BLUE, **look)
+                line(np.concatenate([slips, slips[::-1]]) / DEGREE, edges, f"{100.0 * BAND_SHARE:g} % band", BLUE, **look)
             )
         data += [
             line(slips / DEGREE, force(after), "identified", BLUE),

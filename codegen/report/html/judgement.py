@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from codegen.judgement.lane_change import DRIVERS, STEP_KM_H
-from codegen.judgement.model import FAULTS, HEADER, WORDS, Judgement, Row, Stored, Verdict
+from codegen.judgement.model import FAULTS, JUDGEMENT_HEADER, WORDS, Judgement, Row, Stored, Verdict
 from codegen.report.html.blocks import Block, Table, Text, Tile
 
 FIRST_SCREEN = (
@@ -53,7 +53,11 @@ def judgement_blocks(stored: Stored) -> Iterator[Block]:
     _, rows = judgement.table()
     looks = {WORDS[verdict]: look for verdict, look in LOOKS.items()}
     yield Table(
-        "The car with its controller and with straight rear wheels, dry road", HEADER, rows, words=(0, 3, 4, 5), verdicts=looks
+        "The car with its controller and with straight rear wheels, dry road",
+        JUDGEMENT_HEADER,
+        rows,
+        words=(0, 3, 4, 5),
+        verdicts=looks,
     )
     if judgement.binding_percent:
         yield Text(f"What binds in the feasible cells of the map: {judgement.binding_text}.")

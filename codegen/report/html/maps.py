@@ -9,8 +9,20 @@ import numpy as np
 
 from codegen.configuration import Config
 from codegen.design.loss import MODES, LossOfFunction, loss_of_function
-from codegen.figures.data import EMPTY, FRONT_ANGLE, INK, SKY, SPEED, VERMILION, Chart, axis, layout, numbers, patches
-from codegen.figures.maps import QUANTITIES, NamedMap, category_trace, unformatted
+from codegen.figures.data import (
+    EMPTY,
+    FRONT_ANGLE_TITLE,
+    INK,
+    SKY,
+    SPEED_TITLE,
+    VERMILION,
+    Chart,
+    axis,
+    layout,
+    numbers,
+    patches,
+)
+from codegen.figures.maps import MAP_QUANTITIES, NamedMap, category_trace, unformatted
 from codegen.map_file.bounds import binding_text
 from codegen.report.html.blocks import Block, Cuts, Text
 from codegen.units import KM_H
@@ -18,13 +30,13 @@ from codegen.units import KM_H
 
 def cuts(maps: Sequence[NamedMap]) -> Cuts:
     """Return the data from which the page cuts all maps at any speed and front angle."""
-    quantities = [{"table": one.attribute, "name": unformatted(one.name), "unit": one.unit} for one in QUANTITIES]
-    data = {"quantities": quantities, "axes": [SPEED, FRONT_ANGLE], "maps": [_cut_data(one) for one in maps]}
+    quantities = [{"table": one.attribute, "name": unformatted(one.name), "unit": one.unit} for one in MAP_QUANTITIES]
+    data = {"quantities": quantities, "axes": [SPEED_TITLE, FRONT_ANGLE_TITLE], "maps": [_cut_data(one) for one in maps]}
     return Cuts(data, "The maps cut along both axes. Where a line ends, no steady turn inside the limits exists.")
 
 
 def _cut_data(one: NamedMap) -> dict[str, Any]:
-    tables = {quantity.attribute: quantity.displayed(one.map) for quantity in QUANTITIES}
+    tables = {quantity.attribute: quantity.displayed(one.map) for quantity in MAP_QUANTITIES}
     binding: Mapping[str, Any] | None = None
     if one.map.active is not None:
         flags, places = np.unique(one.map.active, return_inverse=True)
@@ -68,8 +80,8 @@ def _chart(one: NamedMap, loss: LossOfFunction) -> Chart:
         data += [trace, *patches(CELLS, (SKY, VERMILION))]
     data += _points(loss)
     look = layout(
-        xaxis=axis(SPEED, zeroline=False, showgrid=False),
-        yaxis=axis(FRONT_ANGLE, zeroline=False, showgrid=False, rangemode="tozero"),
+        xaxis=axis(SPEED_TITLE, zeroline=False, showgrid=False),
+        yaxis=axis(FRONT_ANGLE_TITLE, zeroline=False, showgrid=False, rangemode="tozero"),
         plot_bgcolor=EMPTY,
     )
     share = "" if loss.share_of_feasible is None else f" {100.0 * loss.share_of_feasible:.0f} % of the feasible cells need it."

@@ -23,12 +23,12 @@ from codegen.errors import MapError
 from codegen.figures.curves import front_angle_chart, slip_limit_text, tyre_charts
 from codegen.figures.data import (
     BLUE,
-    FRONT_ANGLE,
+    FRONT_ANGLE_TITLE,
     GREEN,
     ORANGE,
     PURPLE,
     SKY,
-    SPEED,
+    SPEED_TITLE,
     VERMILION,
     Chart,
     axis,
@@ -43,11 +43,11 @@ from codegen.figures.maps import (
     is_paper,
     tyre_note,
 )
-from codegen.figures.paper_tables import PAPER_TABLE, RUNS, TABLE_FRONT_ANGLE_DEG, optimum_rows, optimum_table, run_table
+from codegen.figures.paper_tables import CASE_OF_RUN, PAPER_TABLE, TABLE_FRONT_ANGLE_DEG, optimum_rows, optimum_table, run_table
 from codegen.judgement.model import Stored, of_manifest, of_map
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.solve import solve_case
-from codegen.report.bus_tables import HEADER, FaultEntry, fault_cells
+from codegen.report.bus_tables import FAULT_HEADER, FaultEntry, fault_cells
 from codegen.report.html import maps
 from codegen.report.html.blocks import Block, Gallery, Section, Table, Text
 from codegen.report.html.build import manifest_blocks, verification_blocks
@@ -132,8 +132,8 @@ def extended(one: NamedMap, config: Config, build: Path | None = None) -> tuple[
     edges = (cell_edges(speed / KM_H), cell_edges(np.degrees(front_angle)))
     trace = category_trace(*edges, codes, np.zeros(codes.shape, dtype=bool), names, colours)
     look = layout(
-        xaxis=axis(SPEED, zeroline=False, showgrid=False),
-        yaxis=axis(FRONT_ANGLE, zeroline=False, showgrid=False),
+        xaxis=axis(SPEED_TITLE, zeroline=False, showgrid=False),
+        yaxis=axis(FRONT_ANGLE_TITLE, zeroline=False, showgrid=False),
     )
     counts = [int((codes == code).sum()) for code in range(len(rules))]
     spoken = ", ".join(f"{count} {name}" for count, name in zip(counts, names, strict=True))
@@ -351,7 +351,7 @@ def _paper_runs(material: Material) -> dict[str, dict[str, Any]]:
     if not material.of_paper or material.runs is None or material.scenario is None:
         return {}
     at, ratio = material.scenario.steer_time, material.config.steering.ratio
-    return {name: step_metrics(record, at, ratio) for name, record in material.runs.items() if name in RUNS}
+    return {name: step_metrics(record, at, ratio) for name, record in material.runs.items() if name in CASE_OF_RUN}
 
 
 def _margins(material: Material) -> Iterator[Block]:
@@ -373,4 +373,4 @@ def _faults(faults: Sequence[FaultEntry] | None) -> Iterator[Block]:
         return
     yield Text("Each fault of the catalogue in the same turn-in; times from the moment it was injected.")
     rows = [fault_cells(entry) for entry in faults]
-    yield Table("Faults on the bus", HEADER, rows, words=(0, 1, 7, 8), verdicts={"yes": "good"})
+    yield Table("Faults on the bus", FAULT_HEADER, rows, words=(0, 1, 7, 8), verdicts={"yes": "good"})

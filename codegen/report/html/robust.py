@@ -17,7 +17,7 @@ from codegen.design.margins import (
     nominal_margins,
 )
 from codegen.emit.laws import LAWS, law_of
-from codegen.figures.data import COLOURS, INK, MUTED, SPEED, Chart, axis, layout, line, numbers, scale_of
+from codegen.figures.data import INK, MUTED, SERIES_COLOURS, SPEED_TITLE, Chart, axis, layout, line, numbers, scale_of
 from codegen.figures.maps import colour_bar
 from codegen.report.html.blocks import Block, Gallery, Table, Text
 from codegen.sweep.region import MARGIN_SHARES, TURN_SHARE, Region
@@ -33,7 +33,7 @@ def margins_chart(configs: Mapping[str, Config]) -> Chart | None:
         configs: name -> configuration; those without feedback are omitted.
     """
     data: list[dict[str, Any]] = []
-    colours = iter(COLOURS * len(configs))
+    colours = iter(SERIES_COLOURS * len(configs))
     shown = []
     for name, config in configs.items():
         gains = law_of(config).gains(config)
@@ -66,7 +66,7 @@ def margins_chart(configs: Mapping[str, Config]) -> Chart | None:
             place = {"xref": "paper", "x0": 0, "x1": 1, "yref": "y" if row == 0 else "y2", "y0": value, "y1": value}
             shapes.append({"type": "line", "line": {"color": colour, "width": 1.2, "dash": dash}, **place})
     look = layout(
-        xaxis=axis(SPEED, anchor="y2"),
+        xaxis=axis(SPEED_TITLE, anchor="y2"),
         yaxis=axis("Gain margin (dB)", domain=[0.54, 1.0], rangemode="tozero"),
         yaxis2=axis("Phase margin (deg)", domain=[0.0, 0.46], rangemode="tozero"),
         shapes=shapes,
@@ -237,7 +237,7 @@ def _chart(name: str, region: Region, mass: int) -> Chart:
         "data": data,
         "layout": layout(
             xaxis=axis(
-                SPEED, showgrid=False, zeroline=False, range=[region.speeds_km_h[0] - 10.0, region.speeds_km_h[-1] + 10.0]
+                SPEED_TITLE, showgrid=False, zeroline=False, range=[region.speeds_km_h[0] - 10.0, region.speeds_km_h[-1] + 10.0]
             ),
             yaxis=axis("Friction of the road", showgrid=False, zeroline=False),
             showlegend=False,

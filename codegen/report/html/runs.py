@@ -37,7 +37,7 @@ def run_blocks(
 
 Runs = Mapping[str, FloatArray]
 
-HANDLING, RESPONSE = BUILT_IN["ramp-steer"], BUILT_IN["sine-sweep"]
+HANDLING_SCENARIOS, RESPONSE = BUILT_IN["ramp-steer"], BUILT_IN["sine-sweep"]
 """Scenarios of the handling diagram and of the frequency response."""
 
 
@@ -52,9 +52,9 @@ def handling_blocks(driven: Mapping[str, Runs], runs: Runs | None, config: Confi
     if not driven:
         yield Text("Not simulated: name a build with `--build`.", "notice")
         return
-    ramp, sweep = driven[HANDLING.name], driven[RESPONSE.name]
-    yield Gallery([handling_chart(HANDLING, config, ramp), response_chart(RESPONSE, config, sweep)])
-    everything = (("", runs or {}), (HANDLING.name, ramp), (RESPONSE.name, sweep))
+    ramp, sweep = driven[HANDLING_SCENARIOS.name], driven[RESPONSE.name]
+    yield Gallery([handling_chart(HANDLING_SCENARIOS, config, ramp), response_chart(RESPONSE, config, sweep)])
+    everything = (("", runs or {}), (HANDLING_SCENARIOS.name, ramp), (RESPONSE.name, sweep))
     rows = [row for name, each in everything for row in _actuator_rows(name, each)]
     header = ("run", "angle, largest (deg)", "rate, largest (deg/s)", "rate, RMS (deg/s)", "travel (deg)")
     limits = f"the actuator allows {config.rear_actuator.angle_max_deg:g} deg and {config.rear_actuator.rate_max_deg_s:g} deg/s"

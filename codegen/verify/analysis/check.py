@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from codegen.emit.deviations import FILE, Deviation, Unit, category_of, excerpt, read_deviations, units
+from codegen.emit.deviations import DEVIATIONS_FILE, Deviation, Unit, category_of, excerpt, read_deviations, units
 from codegen.emit.misra_rules import RULES
 from codegen.errors import BuildError, CodegenError
 from codegen.verify import on_host
@@ -14,7 +14,7 @@ from codegen.verify.analysis import analysers
 from codegen.verify.analysis.analysers import Finding, once
 from codegen.verify.analysis.number_tables import malformed, without_tables
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
-from codegen.verify.on_host import COMPILED_PROGRAMS, PROGRAMS
+from codegen.verify.on_host import COMPILED_PROGRAMS, HOST_PROGRAMS
 from codegen.verify.packages import MissingTool
 from codegen.verify.target import source_tree
 
@@ -49,16 +49,16 @@ def check(subject: Subject, effort: Effort) -> Outcome:
         CodegenError: a folder without a `deviations.md`, or sources that cannot be stored.
     """
     rows = _rows(subject)
-    files = subject.sources("include", "src", *PROGRAMS)
+    files = subject.sources("include", "src", *HOST_PROGRAMS)
     with source_tree(without_tables(files, subject.manifest)) as tree:
-        programs = [folder for folder in PROGRAMS if subject.sources(folder)]
+        programs = [folder for folder in HOST_PROGRAMS if subject.sources(folder)]
         found = [*analysers.judged_by_misra(tree), *analysers.judged_as_programs(tree, programs)]
         by_gcc: tuple[Finding, ...] = ()
         left: tuple[str, ...] = ()
         not_run = ""
         try:
             if (gcc := on_host.gcc()) is None:
-                raise MissingTool(on_host.MISSING)
+                raise MissingTool(on_host.GCC_MISSING)
             by_gcc, left = analysers.analyse(gcc, _units(subject, effort), tree)
         except MissingTool as error:
             not_run = str(error)
@@ -75,12 +75,14 @@ def check(subject: Subject, effort: Effort) -> Outcome:
 
 
 def _rows(subject: Subject) -> Rows:
-    if FILE not in subject.files:
-        raise CodegenError(f"it has no {FILE}", where=subject.name, remedy="build it again with `codegen build`")
+    if DEVIATIONS_FILE not in subject.files:
+        raise CodegenError(f"it has no {DEVIATIONS_FILE}", where=subject.name, remedy="build it again with `codegen build`")
     try:
-        return list(read_deviations(subject.files[FILE].decode("ascii", "replace")))
+        return list(read_deviations(subject.files[DEVIATIONS_FILE].decode("ascii", "replace")))
     except ValueError as error:
-        raise CodegenError(str(error), where=f"{subject.name}/{FILE}", remedy="build it again with `codegen build`") from None
+        raise CodegenError(
+            str(error), where=f"{subject.name}/{DEVIATIONS_FILE}", remedy="build it again with `codegen build`"
+        ) from None
 
 
 def _units(subject: Subject, effort: Effort) -> dict[str, tuple[str, ...]]:
@@ -89,7 +91,7 @@ def _units(subject: Subject, effort: Effort) -> dict[str, tuple[str, ...]]:
     A quick check keeps gcc's own limits in the programs for a host, which take most of the time and go into no ECU.
     """
     paths = sorted(path for path in subject.sources("src", *COMPILED_PROGRAMS) if path.endswith(".c"))
-    return {path: () if effort.quick and path.startswith(PROGRAMS) else analysers.DEEP for path in paths}
+    return {path: () if effort.quick and path.startswith(HOST_PROGRAMS) else analysers.DEEP for path in paths}
 
 
 def _not_compiled(error: BuildError) -> Finding:
@@ -102,7 +104,7 @@ def _row_faults(rows: Rows) -> Iterator[str]:
     """Yield the faults of rows that no finding could justify."""
     known: dict[tuple[str, ...], int] = {}
     for number, row in rows:
-        place = f"{FILE}:{number}: rule {row.rule}"
+        place = f"{DEVIATIONS_FILE}:{number}: rule {row.rule}"
         first = known.setdefault(row.key, number)
         if first != number:
             yield f"{place} in {_location(row)} is listed in line {first} already"
@@ -116,17 +118,18 @@ def _row_faults(rows: Rows) -> Iterator[str]:
 
 def _differences(subject: Subject, rows: Rows, found: Sequence[Finding], with_gcc: bool) -> Iterator[str]:
     """Yield findings without a row, and rows without a finding."""
-    sources = subject.sources("include", "src", *PROGRAMS)
+    sources = subject.sources("include", "src", *HOST_PROGRAMS)
     texts = {path: Unit(path, content.decode("ascii", "replace")) for path, content in sources.items()}
     listed, confirmed = {row.key for _, row in rows}, set()
     for finding in found:
         key = _key(texts.get(finding.file), finding)
         confirmed.add(key)
         if key not in listed:
-            yield f"{finding}, not in {FILE}"
+            yield f"{finding}, not in {DEVIATIONS_FILE}"
     for number, row in rows:
         if row.key not in confirmed and (with_gcc or not row.rule.startswith(GCC_PREFIX)):
-            yield f"{FILE}:{number}: rule {row.rule} is not broken in {_location(row)}: a deviation without a finding"
+            needless = f"rule {row.rule} is not broken in {_location(row)}: a deviation without a finding"
+            yield f"{DEVIATIONS_FILE}:{number}: {needless}"
 
 
 def _key(unit: Unit | None, finding: Finding) -> tuple[str, str, str, str]:

@@ -15,7 +15,7 @@ from typing import Any
 
 from codegen.errors import BuildError
 from codegen.verify.packages import module
-from codegen.verify.target import CORTEX_M4F, FLAGS, INCLUDES, source_tree, zig
+from codegen.verify.target import CORTEX_M4F, INCLUDES, TARGET_FLAGS, source_tree, zig
 
 STACK_FLAG = "-fstack-size-section"
 """Flag that makes clang write the stack use of each function (as of -fstack-usage) into the object."""
@@ -154,7 +154,7 @@ def compile_objects(sources: Mapping[str, bytes], flags: Sequence[str]) -> dict[
     found = {}
     with source_tree(sources) as tree:
         for unit in sorted(path for path in sources if path.endswith(".c")):
-            zig(["cc", *CORTEX_M4F.flags, *FLAGS, *flags, *INCLUDES, "-c", unit, "-o", "../unit.o"], tree)
+            zig(["cc", *CORTEX_M4F.flags, *TARGET_FLAGS, *flags, *INCLUDES, "-c", unit, "-o", "../unit.o"], tree)
             found[unit] = (tree.parent / "unit.o").read_bytes()
     return found
 

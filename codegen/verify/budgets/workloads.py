@@ -16,7 +16,7 @@ import numpy.typing as npt
 from codegen.arrays import IntArray
 from codegen.configuration import Config
 from codegen.units import KM_H
-from codegen.verify.drives import COLUMNS, Samples, Thresholds, drawn, measurements_of
+from codegen.verify.drives import DRIVE_COLUMNS, Samples, Thresholds, drawn, measurements_of
 from codegen.verify.traffic import Cycle, frames_of
 from hil_sim.codec import Codec
 from hil_sim.e2e import next_counter
@@ -25,7 +25,7 @@ Rows = npt.NDArray[np.float32]
 """Inputs of successive calls, (calls, fields)."""
 
 PLACE_COLUMNS = ("speed", "front_angle", "friction")
-STEP_COLUMNS = (*COLUMNS, "restart")
+STEP_COLUMNS = (*DRIVE_COLUMNS, "restart")
 DEMAND_COLUMNS = ("speed", "front_angle", "demand", "restart")
 
 START, TASK, RECEIVED = range(3)
@@ -62,7 +62,7 @@ def histories(config: Config) -> Iterator[Rows]:
     speed = 0.5 * (config.controller.feedback_speeds_km_h[1] + inputs.speed_max_km_h) * KM_H
     # Longer than the task waits for messages and for a rear angle.
     patience, recovery, messages = fail_safe.degraded_samples_max + 2, fail_safe.recovery_samples, 2 + e2e.min_ok_state_init
-    start, lost, absent = {"restart": 1.0}, dict.fromkeys(COLUMNS[:3], math.nan), {"rear_angle": math.nan}
+    start, lost, absent = {"restart": 1.0}, dict.fromkeys(DRIVE_COLUMNS[:3], math.nan), {"rear_angle": math.nan}
     drives: tuple[Parts, ...] = (
         ((1, start), (patience + 3, lost)),
         ((1, start), (patience + 3, {"yaw_rate": wrong}), (2, {})),
@@ -98,7 +98,7 @@ def histories(config: Config) -> Iterator[Rows]:
             # Close enough not to count as a jump.
             against = {"lateral_acceleration": yaw_rate * speed - 1.9 * side, "rear_angle": rear_angle, "friction": math.nan}
             proof: Parts = ((1, start), (3, {}), (3, against))
-            for name in COLUMNS[:3]:
+            for name in DRIVE_COLUMNS[:3]:
                 proof = (*proof, (1, against | {name: math.nan}), (3, against))
             yield _rows(turn, proof)
         steered = {"front_angle": 0.6 * side * config.steering.front_angle_stop, "rear_angle": 0.9 * side * angle_max}
@@ -119,7 +119,7 @@ def _rows(usual: Mapping[str, float], parts: Parts) -> Rows:
 
 def places_of(steps: Rows, usual: int, generator: np.random.Generator) -> Rows:
     """Return inputs of the map lookup, (n, 3)."""
-    return _with_special_numbers(steps[:, [COLUMNS.index(name) for name in PLACE_COLUMNS]], usual, generator)
+    return _with_special_numbers(steps[:, [DRIVE_COLUMNS.index(name) for name in PLACE_COLUMNS]], usual, generator)
 
 
 def demands_of(steps: Rows, usual: int, config: Config, generator: np.random.Generator) -> Rows:
@@ -153,7 +153,7 @@ def cycles_of(config: Config, steps: Rows) -> list[Cycle]:
     """Return the protected frames of each step. After a step without speed, a frame is missing too."""
     can, codec, counter, found = config.can, Codec(config.can), 0, []
     profile = can.e2e.definition
-    for sample in measurements_of(steps[:, : len(COLUMNS)]):
+    for sample in measurements_of(steps[:, : len(DRIVE_COLUMNS)]):
         found.append(frames_of(can, codec, counter, sample))
         lost = math.isnan(sample.speed)
         counter = next_counter(next_counter(counter, profile) if lost else counter, profile)

@@ -21,9 +21,9 @@ from codegen.sil.toolchain import require_success, run
 from codegen.verify import on_host
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.compilation.mixtures import mixtures, not_refused, takes_fast_math, units_with_reals
-from codegen.verify.on_host import COMPILED_PROGRAMS, PROGRAMS
+from codegen.verify.on_host import COMPILED_PROGRAMS, HOST_PROGRAMS
 from codegen.verify.packages import module, require
-from codegen.verify.target import CORES, CORTEX_M4F, FLAGS, INCLUDES, X86_64, Core, source_tree, zig
+from codegen.verify.target import CORES, CORTEX_M4F, INCLUDES, TARGET_FLAGS, X86_64, Core, source_tree, zig
 
 WARNINGS = (
     *("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Wfloat-equal", "-Wshadow", "-Wundef"),
@@ -35,7 +35,7 @@ CXX_STANDARDS = ("c++11", "c++17")
 DYNAMICS = "dynamics"
 """The unit whose object may need the mathematical library."""
 
-_COMMON = tuple(flag for flag in FLAGS if not flag.startswith("-std") and flag != "-g")
+_COMMON = tuple(flag for flag in TARGET_FLAGS if not flag.startswith("-std") and flag != "-g")
 # gcc's name in C++ for what -Wmissing-prototypes means.
 _CXX_WARNINGS = tuple("-Wmissing-declarations" if flag == "-Wmissing-prototypes" else flag for flag in WARNINGS)
 
@@ -97,7 +97,7 @@ def sources(subject: Subject) -> dict[str, str | bytes]:
     both = (f"{name}{suffix}" for name in LIBRARY for suffix in ("", "f"))
     kinds = ((name, "float" if name.endswith("f") else "double") for name in both)
     declared = "".join(f"{kind} {name}({kind});\n" for name, kind in kinds)
-    return {**subject.sources("include", "src", *PROGRAMS), "bare/math.h": declared}
+    return {**subject.sources("include", "src", *HOST_PROGRAMS), "bare/math.h": declared}
 
 
 def by_clang(subject: Subject, cores: Sequence[Core], standards: Sequence[str]) -> Iterator[Compilation]:
@@ -114,7 +114,7 @@ def by_clang(subject: Subject, cores: Sequence[Core], standards: Sequence[str]) 
                 yield Compilation(f"{label}, {DYNAMICS}", call, (dynamics,), core, library=True)
     for standard in standards:
         call = partial(_clang, (*HOSTED, "-Iinclude", f"-std={standard}"))
-        for folder in PROGRAMS:
+        for folder in HOST_PROGRAMS:
             if below[folder]:
                 yield Compilation(f"clang, {folder}/ for Linux, {standard}", call, below[folder])
     for standard in CXX_STANDARDS:
@@ -164,7 +164,7 @@ def _units(subject: Subject) -> dict[str, tuple[str, ...]]:
     """Return unit paths by the first part of their path; the units of single headers in C and in C++ separately."""
     paths = sorted(path for path in sources(subject) if path.endswith(".c"))
     headers = sorted(alone(subject))
-    below = {folder: tuple(path for path in paths if path.startswith(f"{folder}/")) for folder in ("src", *PROGRAMS)}
+    below = {folder: tuple(path for path in paths if path.startswith(f"{folder}/")) for folder in ("src", *HOST_PROGRAMS)}
     for name, suffix in (("alone", ".c"), ("alone C++", ".cc")):
         below[name] = tuple(path for path in headers if path.endswith(suffix))
     return below
@@ -292,7 +292,7 @@ def _outcome(
         shows=SHOWS,
         figure=f"{count} in {len(plan)} compilations and {pairs} mixtures of builds",
         verdict=verdict,
-        findings=found if gcc else (*found, on_host.MISSING),
+        findings=found if gcc else (*found, on_host.GCC_MISSING),
         figures={
             "compilations": [compilation.label for compilation in plan],
             "warnings": list(WARNINGS),

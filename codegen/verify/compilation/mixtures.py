@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from codegen.verify.check import Subject
-from codegen.verify.target import FLAGS, source_tree, zig_result
+from codegen.verify.target import TARGET_FLAGS, source_tree, zig_result
 
 REFUSES = "different builds"
 """Phrase of the error of a source or header that meets one of another build."""
@@ -108,7 +108,7 @@ def _preprocessed(subject: Subject) -> dict[str, str | bytes]:
 
 def _accepting(sources: Sequence[str], flags: tuple[str, ...], phrase: str, tree: Path) -> list[str]:
     """Return the sources whose preprocessing meets no #error that contains the phrase."""
-    output = zig_result(["cc", *FLAGS, *flags, *_PREPROCESS, *sources], tree).stderr
+    output = zig_result(["cc", *TARGET_FLAGS, *flags, *_PREPROCESS, *sources], tree).stderr
     refusing = set()
     source = ""  # that includes the header of the next message, directly or indirectly
     for line in output.splitlines():

@@ -20,7 +20,7 @@ from codegen.emit.render import render
 from codegen.emit.text import c_type
 from codegen.sil.compile import compile_library
 from codegen.sil.software import Software
-from codegen.verify.drives import COLUMNS
+from codegen.verify.drives import DRIVE_COLUMNS
 from codegen.verify.on_host import HOST_FLAGS
 from codegen.verify.target import CORTEX_M4F, DATA, DATA_BYTES, Core, Processor, compile_image
 from codegen.verify.traffic import FRAMES, Cycle
@@ -30,7 +30,7 @@ Real = type[np.float32] | type[np.float64]
 Rows = npt.NDArray[Any]
 """Words, (rows, columns), of the width of the build's numbers and in the byte order of this machine."""
 
-WHOLE = frozenset(
+WHOLE_FIELDS = frozenset(
     {"restart", "inhibit", "status", "diagnostics", "frames", "wrong_call", "wrong_by"}
     | {each.role for each in CARRIED if each.is_flag}
 )
@@ -39,14 +39,14 @@ WHOLE = frozenset(
 FRAME_WORD_BYTES = 4
 """Bytes of a frame in a word. Every length of CAN FD above seven bytes is a multiple."""
 _INPUTS: Mapping[str, tuple[str, ...]] = {
-    "controller": ("restart", "start_angle", *COLUMNS),
+    "controller": ("restart", "start_angle", *DRIVE_COLUMNS),
     "lookup": ("speed", "front_angle", "friction"),
     "limiter": ("restart", "start_angle", "speed", "front_angle", "demand"),
     "model": ("restart", "x", "speed", "front_angle", "rear_angle", "friction"),
     "dynamics": ("wrong_call", "wrong_by", "sideslip_angle", "yaw_rate", "speed", "front_angle", "rear_angle", "friction"),
 }
 _MESSAGES = ("motion", "conditions", "command")
-FRICTIONS = ("front_friction", "rear_friction")
+FRICTION_FIELDS = ("front_friction", "rear_friction")
 """Frictions of a reference model of a car that brakes."""
 FOLDER = "frame"
 """Folder of the C around a build."""
@@ -103,7 +103,7 @@ def program_of(software: Software, files: Mapping[str, bytes]) -> Program:
     context = {
         **_context(software, batches),
         "with_model": "model" in batches,
-        "per_axle": "model" in batches and FRICTIONS[0] in batches["model"].inputs,
+        "per_axle": "model" in batches and FRICTION_FIELDS[0] in batches["model"].inputs,
         "with_reference": _has(software, "map_reference_t"),
         "task": task_view(software.config),
     }
@@ -155,7 +155,7 @@ def real_of(word: Word) -> Real:
 
 def outside_drives(measured: Iterable[SignalDefinition]) -> tuple[SignalDefinition, ...]:
     """Return the signals of a build that no drive has, which are drawn at random."""
-    return tuple(signal for signal in measured if signal.role not in COLUMNS)
+    return tuple(signal for signal in measured if signal.role not in DRIVE_COLUMNS)
 
 
 def _context(software: Software, batches: Mapping[str, Batch]) -> dict[str, Any]:
@@ -177,10 +177,10 @@ def _batches(software: Software, files: Mapping[str, bytes]) -> Iterator[Batch]:
     more = tuple(signal.role for signal in software.measured if signal.is_extra)
     inputs = {**_INPUTS, "controller": (*_INPUTS["controller"], *beside), "lookup": (*_INPUTS["lookup"], *more)}
     if f"include/{software.prefix}_reference_model.h" in files and _has_field(
-        software, "reference_model_input_t", FRICTIONS[0]
+        software, "reference_model_input_t", FRICTION_FIELDS[0]
     ):
-        inputs["model"] = (*_INPUTS["model"][:-1], *FRICTIONS)
-    inputs |= {"can": (*COLUMNS, *beside, "status", "diagnostics")}
+        inputs["model"] = (*_INPUTS["model"][:-1], *FRICTION_FIELDS)
+    inputs |= {"can": (*DRIVE_COLUMNS, *beside, "status", "diagnostics")}
     inputs |= {"task": ("restart", "frames", *(f"{name}_{number}" for number in range(FRAMES) for name in frame))}
 
     def batch(name: str, results: Sequence[Column], state: str = "") -> Batch:

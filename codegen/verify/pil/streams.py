@@ -18,11 +18,11 @@ from codegen.configuration import Config
 from codegen.configuration.signals import SignalDefinition
 from codegen.sil.software import Measurement
 from codegen.units import KM_H
-from codegen.verify.drives import COLUMNS, GAPS, HELD, Samples, Thresholds, drawn, moving
+from codegen.verify.drives import DRIVE_COLUMNS, GAPS, HELD, Samples, Thresholds, drawn, moving
 from codegen.verify.pil.batches import (
     FRAME_WORD_BYTES,
-    FRICTIONS,
-    WHOLE,
+    FRICTION_FIELDS,
+    WHOLE_FIELDS,
     Batch,
     Program,
     Rows,
@@ -86,11 +86,11 @@ class Source:
     def numbers(self, batch: Batch, count: int) -> Rows:
         """Draw rows for another batch, each column from its signal's range; a third of the rows has arbitrary numbers."""
         drive = self._drawn(count)
-        columns: dict[str, npt.NDArray[Any]] = {name: drive[:, COLUMNS.index(name)] for name in COLUMNS}
+        columns: dict[str, npt.NDArray[Any]] = {name: drive[:, DRIVE_COLUMNS.index(name)] for name in DRIVE_COLUMNS}
         steered = np.where(np.isnan(drive[:, 3]), 0.05, drive[:, 3])
         columns |= {"demand": steered * self.generator.choice([1.0, 3.0], count), "start_angle": steered}
         columns |= {"x": 10.0 * self.generator.standard_normal(count), "rear_angle": steered}
-        columns |= {name: columns["friction"] * share for name, share in zip(FRICTIONS, (0.9, 0.7), strict=True)}
+        columns |= {name: columns["friction"] * share for name, share in zip(FRICTION_FIELDS, (0.9, 0.7), strict=True)}
         rows = np.empty((count, len(batch.inputs)), dtype=self.word)
         whole = {
             "restart": self.generator.random(count) < RESTART,
@@ -102,7 +102,7 @@ class Source:
             whole[signal.role] = self._carried(signal, count)
         for place, name in enumerate(batch.inputs):
             rows[:, place] = whole[name] if name in whole else self.words(columns[name])
-        places = [place for place, name in enumerate(batch.inputs) if name not in WHOLE]
+        places = [place for place, name in enumerate(batch.inputs) if name not in WHOLE_FIELDS]
         taken = self.generator.random((count, len(places))) < np.where(self.generator.random((count, 1)) < 0.33, 0.5, 0.0)
         found = rows[:, places]
         self.replace(found, taken)
@@ -204,7 +204,7 @@ class Stream:
         if self.batch.name == "task":
             return _format_frames([int(word) for word in words], frame_columns(self.batch))
         return ", ".join(
-            f"{name} = {int(word) if name in WHOLE else format_word(word)}"
+            f"{name} = {int(word) if name in WHOLE_FIELDS else format_word(word)}"
             for name, word in zip(self.batch.inputs, words, strict=True)
         )
 
@@ -234,7 +234,7 @@ def _rows(samples: Sequence[Any], batch: Batch, word: Word, restarts: Sequence[i
         rows[:, 2:] = values.astype(real_of(word)).view(word)
         rows[:, 1] = np.array(start, dtype=real_of(word)).view(word)
     for place, name in enumerate(names):
-        if name in WHOLE:
+        if name in WHOLE_FIELDS:
             rows[:, 2 + place] = values[:, place].astype(word)
     rows[[*restarts], 0] = 1
     return rows

@@ -57,7 +57,7 @@ def check(subject: Subject, effort: Effort) -> Outcome:
     tools, fuzzed = {"C compiler with sanitizers": compiler.version}, {}
     try:
         seeds = program.seeds(subject)
-        with compiled(compiler, subject.sources(), program.sources(subject), (program.COVERAGE,)) as path:
+        with compiled(compiler, subject.sources(), program.sources(subject), (program.COVERAGE_FLAG,)) as path:
             with sanitized.served(path, subject) as ecu:
                 suite_runs = _Suites(subject, effort, ecu)
                 for finding in suite_runs.run():

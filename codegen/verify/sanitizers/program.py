@@ -32,7 +32,7 @@ from hil_sim.codec import Frame
 Name = Literal["can", "step"]
 HARNESSES: tuple[Name, ...] = ("can", "step")
 
-COVERAGE = "-fsanitize-coverage=trace-pc"
+COVERAGE_FLAG = "-fsanitize-coverage=trace-pc"
 """Flag with which the sanitized code reports its edges to the driver."""
 
 

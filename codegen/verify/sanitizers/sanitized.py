@@ -41,7 +41,7 @@ from codegen.verify.packages import MissingTool
 SANITIZERS = "-fsanitize=address,undefined,float-divide-by-zero,float-cast-overflow"
 """Sanitizers; `undefined` does not include the last two."""
 
-FLAGS = ("-std=c99", "-O1", "-g", "-fno-omit-frame-pointer", "-ffp-contract=off")
+SANITIZER_FLAGS = ("-std=c99", "-O1", "-g", "-fno-omit-frame-pointer", "-ffp-contract=off")
 PLAIN_FLAGS = ("-std=c99", "-O2", "-g", "-ffp-contract=off")
 
 OPTIONS = {
@@ -105,7 +105,7 @@ def find_compiler() -> Compiler:
 def _finds_planted_faults(command: tuple[str, ...]) -> bool:
     try:
         with stored({"canary.c": verbatim("verify/canary.c")}) as tree:
-            require_success(run([*command, *FLAGS, SANITIZERS, "canary.c", "-o", "canary"], tree), "canary.c")
+            require_success(run([*command, *SANITIZER_FLAGS, SANITIZERS, "canary.c", "-o", "canary"], tree), "canary.c")
             return all(
                 what in run_sanitized(tree / "canary", fault, seconds=60).stderr for fault, what in CANARY_FAULTS.items()
             )
@@ -159,7 +159,7 @@ def compiled(
         tree = scratch / "tree"
         search = [f"-I{name}" for name in ("include", "bench") if (tree / name).is_dir()]
         common = [*search, f"-fdebug-prefix-map={tree}={ROOT}", "-c"]
-        every = {**dict.fromkeys(plain, PLAIN_FLAGS), **dict.fromkeys(sources, (*FLAGS, SANITIZERS, *flags))}
+        every = {**dict.fromkeys(plain, PLAIN_FLAGS), **dict.fromkeys(sources, (*SANITIZER_FLAGS, SANITIZERS, *flags))}
         objects = {unit: f"{scratch}/{number}.o" for number, unit in enumerate(every) if unit.endswith(".c")}
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             commands = ([*compiler.command, *every[unit], *common, unit, "-o", name] for unit, name in objects.items())

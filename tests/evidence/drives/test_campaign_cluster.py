@@ -22,7 +22,7 @@ from codegen.sweep import plan as planning
 from codegen.sweep.chunk import Table, Work
 from codegen.sweep.engine import Dask, Threads, run_campaign
 from codegen.sweep.plan import Plan
-from codegen.sweep.store import RUNS, part_path
+from codegen.sweep.store import RUNS_FILE, part_path
 from codegen.sweep.versions import identity
 from tests.sweep.conftest import ROOT, Recording, write_spec
 
@@ -175,5 +175,5 @@ def test_a_killed_campaign_resumes(plan: Plan, whole: bytes, tmp_path: Path) -> 
         while not part_path(folder, 0).exists() and process.poll() is None and time.monotonic() < end:
             time.sleep(0.001)
         process.send_signal(signal.SIGKILL)
-    assert not (folder / RUNS).exists()
+    assert not (folder / RUNS_FILE).exists()
     check_resumption(plan, folder, whole)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from hil_sim.suite.cells import SPEEDS_KM_H, conditions
+from hil_sim.suite.cells import CELL_SPEEDS_KM_H, conditions
 from hil_sim.suite.subjects import Subject, around
 from hil_sim.suite.tracking import run_suite
 from tests import builds
@@ -22,7 +22,7 @@ def test_the_papers_pi_over_all_cells() -> None:
     assert len(suite.summary("pi", "friction-60").spins) >= 8  # a dry map on a wet road
     slow = suite.summary("pi", "lag-100").overshoot_mean_percent
     assert slow is not None and slow > found.overshoot_mean_percent
-    assert [row.speed_km_h for row in suite.rise_times["pi"]] == list(SPEEDS_KM_H)
+    assert [row.speed_km_h for row in suite.rise_times["pi"]] == list(CELL_SPEEDS_KM_H)
     times = [row.mean_s for row in suite.rise_times["pi"]]
     assert times == sorted(times, reverse=True)
     assert [each.cell.speed_km_h for each in suite.shown] == [42.5, 60.0, 100.0, 120.0]

@@ -10,7 +10,7 @@ from typing import Any
 
 from scipy.stats import binom, binomtest
 
-from codegen.optimum.uncertain import CONFIDENCE, SEED, keeps, solve_uncertain, uses_of
+from codegen.optimum.uncertain import CONFIDENCE_LEVEL, SEED, keeps, solve_uncertain, uses_of
 from codegen.vehicle.population import draw
 from codegen.verify.check import Effort, Outcome, Verdict
 from tests.evidence.progress import Progress
@@ -62,7 +62,7 @@ def _kept(model: str, effort: Effort) -> dict[str, Any]:
     cars = draw(config, QUICK_CARS if effort.quick else CARS, FRESH_SEED)
     kept = int(keeps(uses_of(found.map, cars)).sum())
     by_nominal = int(keeps(uses_of(found.nominal, cars)).sum())
-    interval = binomtest(kept, len(cars)).proportion_ci(CONFIDENCE, "exact")
+    interval = binomtest(kept, len(cars)).proportion_ci(CONFIDENCE_LEVEL, "exact")
     return {
         "map": kept,
         "nominal": by_nominal,

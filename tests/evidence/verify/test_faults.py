@@ -206,7 +206,7 @@ FAULTS: dict[program.Name, list[tuple[str, str, str]]] = {
 def fuzzed(subject: Subject, name: program.Name) -> tuple[str, ...]:
     """Return the findings of one harness."""
     compiler, plain = sanitized.find_compiler(), program.sources(subject)
-    with sanitized.compiled(compiler, subject.sources(), plain, (program.COVERAGE,)) as path:
+    with sanitized.compiled(compiler, subject.sources(), plain, (program.COVERAGE_FLAG,)) as path:
         return program.run_harness(path, name, program.seeds(subject)[name], sanitizers.INPUTS_QUICK)[1]
 
 
