@@ -197,7 +197,7 @@ def condition_tables(result: SuiteResult) -> Iterator[tuple[str, str]]:
     count = len(result.cells)
     figures: tuple[tuple[str, Callable[[Summary], str]], ...] = (
         ("Overshoot of the steady yaw rate over the cells, mean / largest (%)", _overshoot),
-        ("Largest errors to the map over the cells: of the steady yaw rate / of its peak (%)", _map_error),
+        ("Error to the map, largest over the cells: steady yaw rate / its peak (%)", _map_error),
         ("Settling time to 2 %, slowest cell (s); or how many cells never settle", _settling),
         ("Largest |sideslip| (deg)", lambda each: _extreme(each.sideslip_max_deg)),
         (f"Spins, of {count} cells", lambda each: str(len(each.spins)) if each.spins else NO_VALUE),

@@ -145,7 +145,7 @@ def test_step_margins_sines_and_third_party(good: SuiteResult) -> None:
         ["overshoot of the map (%)", "0.5", "spin", *["0.5"] * 3],
     ]
     assert lines[5] == ["rise to 90 % (s)", "0.30", "spin", "0.28", "0.31", "0.33"]
-    assert row(good, "Error to the map, of", "as configured") == ["-1.0 / +0.5"] * 5
+    assert row(good, "Error to the map, largest", "as configured") == ["-1.0 / +0.5"] * 5
     assert row(good, "Error to the map on", third_party()["pi"][-1].cell.title)[:2] == ["-1.0 / 0.5", "spin"]
     assert row(good, "Margins", "60 km/h") == ["20.0 / 80 / 1.20", "8.5 / 46 / 1.70"] * 2
     assert row(good, "Margins", "120 km/h")[-1] == "unstable"
