@@ -23,7 +23,7 @@ from codegen.emit.folder import Folder
 from codegen.optimum.solve import solve_case, solve_stack
 from codegen.verify.budgets.measure import Count, measure_step
 from codegen.verify.budgets.program import Program
-from codegen.verify.check import Effort, Subject
+from codegen.verify.outcomes import Effort, Subject
 from codegen.verify.target import DATA, Processor, compile_image
 from hil_sim.suite.requirements import STEP_INSTRUCTIONS_MAX
 

@@ -13,8 +13,8 @@ from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.errors import CodegenError
 from codegen.judgement.bench import Bench
-from codegen.judgement.check import check_path
 from codegen.judgement.drives import SweepFigures, drive_sweep
+from codegen.judgement.facts import check_path
 from codegen.judgement.judge import judge
 from codegen.judgement.lane_change import (
     LaneChange,

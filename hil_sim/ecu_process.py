@@ -158,7 +158,7 @@ class EcuProcess:
         """Wait until the process prints `ready`.
 
         Raises:
-            CodegenError: it ended before, or timed out.
+            CodegenError: the process ended before that, or a timeout.
         """
         process = self._process
         assert process is not None

@@ -267,8 +267,8 @@ def _step_bound_deg(case: FaultCase, result: BenchResult, config: Config) -> flo
 
     It follows from the rate limits; without any, from the feedback for the largest error of the run; for a feedforward
     without a rate limit, from its range. If commands are lost, the controller continues meanwhile, up to its distance from
-    the measured rear angle. Where the wheels do not seem to follow, the command stays near them, and goes on from the
-    controller's, at most as far away, when they do. If samples are lost too, it predicts for a few of them; the fail-safe
+    the measured rear angle. While the wheels do not follow, the command stays near them; when they follow again, it continues
+    from the controller's command, at most as far away. If samples are lost too, it predicts for a few of them; the fail-safe
     starts from the measured rear angle.
     """
     controller, code = config.controller, math.degrees(config.can.rear_steer_command.real("rear_angle").factor)

@@ -257,8 +257,8 @@ class Grid(Section):
 class Longitudinal(Section):
     """Distribution of brake and drive forces, for `codegen solve --longitudinal-acceleration`.
 
-    By default the front axle brakes with 65 %. That of the preset's car then meets its grip before the rear axle for all
-    decelerations up to 0.8 g, as UN Regulation 13-H (annex 5) requires. Both axles drive alike.
+    By default the front axle brakes with 65 %. The front axle of the preset's car then reaches its grip before the rear axle
+    at all decelerations up to 0.8 g, as UN Regulation 13-H (annex 5) requires. The drive force is shared equally.
     """
 
     brake_front_share: Annotated[float, Range(0.0, 1.0), Meaning("share of the brake force on the front axle")] = 0.65

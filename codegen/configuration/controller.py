@@ -35,15 +35,15 @@ class Inputs(Section):
     """Ranges of accepted measurements, and substitutes for the others.
 
     Each measurement has a range and a largest rate of change. A yaw rate is accepted up to the limit of the road plus a
-    tolerance. It counts as frozen if its bits do not change while the expected yaw rate moves away from it: that of the
-    reference model or, for kinds without one and slow cars, of the linear car. A rejected signal is accepted again once it
-    agrees with the others. yaw_rate_lag_s is the lag of the linear car's yaw rate behind the front angle.
-    friction_recovery_1_s is the rate at which a lost friction estimate is forgotten. The offsets of yaw rate and lateral
-    acceleration are learned from each other on straights, and slowly where both show the same, with the time constant
-    yaw_rate_correction_time_s; that of the acceleration in turns too, where a banked road changes it; both up to their
-    limits. A difference to the expected yaw rate above yaw_rate_offset_max_deg_s is a disturbance and is not learned. That
-    time constant also applies to the substitute of a yaw rate. A road counts as straight while the front wheels alone cause
-    at most straight_yaw_rate_deg_s.
+    tolerance. It counts as frozen if its bits do not change while the expected yaw rate moves away from it. The expected yaw
+    rate is that of the reference model; for kinds without one, and for slow cars, that of the linear car. A rejected signal is
+    accepted again once it agrees with the others. yaw_rate_lag_s is the lag of the linear car's yaw rate behind the front
+    angle. friction_recovery_1_s is the rate at which a lost friction estimate is forgotten. The offsets of yaw rate and
+    lateral acceleration are learned from each other on straights, and slowly where both show the same, with the time constant
+    yaw_rate_correction_time_s; that of the acceleration in turns too, where a banked road changes it; both up to their limits.
+    A difference to the expected yaw rate above yaw_rate_offset_max_deg_s is a disturbance and is not learned. That time
+    constant also applies to the substitute of a yaw rate. A road counts as straight while the front wheels alone cause at most
+    straight_yaw_rate_deg_s.
     """
 
     speed_max_km_h: Annotated[
@@ -170,8 +170,12 @@ class Schedule(Section):
     gain_margin_db: Annotated[
         list[float] | None, Meaning("smallest gain margin of the family, from `codegen tune`; for information")
     ] = None
-    phase_margin_deg: Annotated[list[float] | None, Meaning("smallest phase margin, likewise")] = None
-    sensitivity: Annotated[list[float] | None, Meaning("largest peak of the sensitivity, likewise")] = None
+    phase_margin_deg: Annotated[
+        list[float] | None, Meaning("smallest phase margin of the family, from `codegen tune`; for information")
+    ] = None
+    sensitivity: Annotated[
+        list[float] | None, Meaning("largest peak of the sensitivity in the family, from `codegen tune`; for information")
+    ] = None
 
     @model_validator(mode="after")
     def _one_length(self) -> Self:
@@ -345,13 +349,15 @@ class Tuning(Section):
     ] = 1.8
     # Left out of files that do not set them, so that existing maps and builds do not change.
     slow_gain_margin_db: Annotated[
-        float, Range(1.0, 40.0, "dB"), Meaning("the same for a slow member: at least twice the lag *and* a relaxation length")
+        float,
+        Range(1.0, 40.0, "dB"),
+        Meaning("smallest gain margin of a slow member: at least twice the lag *and* a relaxation length"),
     ] = Field(default=6.0, exclude_if=lambda value: value == 6.0)
-    slow_phase_margin_deg: Annotated[float, Range(5.0, 89.0, "deg"), Meaning("the same for such a member")] = Field(
+    slow_phase_margin_deg: Annotated[float, Range(5.0, 89.0, "deg"), Meaning("smallest phase margin of a slow member")] = Field(
         default=35.0, exclude_if=lambda value: value == 35.0
     )
-    slow_sensitivity_max: Annotated[float, Range(1.05, 10.0), Meaning("the same for such a member")] = Field(
-        default=2.1, exclude_if=lambda value: value == 2.1
+    slow_sensitivity_max: Annotated[float, Range(1.05, 10.0), Meaning("largest peak of the sensitivity of a slow member")] = (
+        Field(default=2.1, exclude_if=lambda value: value == 2.1)
     )
 
     @model_validator(mode="before")

@@ -38,9 +38,9 @@ class Identified(Section):
         Range(0.05, 1.0),
         Meaning("largest lateral force of the front axle in the drives, over the peak of its tyres"),
     ] = Field(default=1.0, exclude_if=lambda share: share == 1.0)
-    rear_grip_reached: Annotated[float, Range(0.05, 1.0), Meaning("the same of the rear axle")] = Field(
-        default=1.0, exclude_if=lambda share: share == 1.0
-    )
+    rear_grip_reached: Annotated[
+        float, Range(0.05, 1.0), Meaning("largest lateral force of the rear axle in the drives, over the peak of its tyres")
+    ] = Field(default=1.0, exclude_if=lambda share: share == 1.0)
 
     interval_floor_percent: Annotated[
         float,

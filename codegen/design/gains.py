@@ -4,9 +4,9 @@ Cars that must meet the demands:
 
 - up to the last speed of the map's grid: every member of the family, or the design fails;
 - beyond, up to the top speed of the car: the configured car, and every member that is stable there with its rear wheels held.
-  Where no gains suit all of those, the configured car alone. Where none suit that, no car: the gains before are held, and a
-  build warns;
-- below the first breakpoint, where its gains hold, down to the speed at which the controller switches off: every member.
+  If no gains suit all of those, only the configured car counts. If none suit that car either, the gains of the speed before
+  are held, and a build warns;
+- below the first breakpoint, whose gains are held there, down to the speed at which the controller switches off: every member.
 
 Between breakpoints the interpolated gains are checked; where they fail, both ends are designed again with more reserve.
 """

@@ -372,7 +372,8 @@ class _Search:
         return np.asarray(first <= first.min(axis=0))
 
     def smooth_best(self, pairs: FloatArray, figures: FloatArray) -> list[int]:
-        """Return the same for pairs (n, speeds, 2) equal at all speeds, with a price on the distance from speed to speed."""
+        """Return the best pair of each speed, as places in `pairs` (n, speeds, 2), with a price on the distance from speed to
+        speed."""
         axes = zip((LEADS_S, RESPONSE_GAINS_S), pairs[:, 0].T, strict=True)
         places = np.stack([np.interp(values, first, range(len(first))) for first, values in axes], axis=-1)
         apart = DISTANCE_PRICE_S * np.abs(places[:, np.newaxis] - places).sum(axis=-1)

@@ -64,8 +64,8 @@ class Weakest:
     """Smallest margins of the configured car over speed, and their speeds (m/s).
 
     The speeds can differ: `speed` is that of the margin nearer to its warning limit, or farther below it.
-    `warns_from` and `unstable_from` are the lowest speeds (m/s) at which a margin is below its warning limit, and at which
-    the loop is unstable; None where there is none.
+    `warns_from` and `unstable_from` are the lowest speeds (m/s) at which a margin is below its warning limit, and at which the
+    loop is unstable; None if there is no such speed.
     """
 
     gain_margin_db: float

@@ -3,19 +3,20 @@
 It is written from the rules for a total map, not from the C, and imports nothing from the code generator. The order of the
 operations is part of the contract, because in floating point it decides the last bit:
 
-1. speed and |front angle|: NaN and what is below zero are at the first breakpoint, i = 0 and u = 0; beyond the last one u = 1.
+1. speed and |front angle|: NaN and values below zero are at the first breakpoint, i = 0 and u = 0; beyond the last one u = 1.
 2. axes begin at zero. Even axis, of N cells from x_a to x_b: core p = (x - x_a) / (x_b - x_a) N, i = int(p), u = p - i; first
-   cell u = x / x_1; last cell u = min((x - x_b) / (x_top - x_b), 1). Uneven axis: i by binary search,
-   u = (x - x_i) / (x_{i+1} - x_i), clamped to 0 to 1.
-3. a = t00 + u (t10 - t00), b = t01 + u (t11 - t01), r = a + w (b - a), u along speed and w along the front angle.
-   The rear angle likewise from its own table. With a stack of layers: both layers around the friction, then p + s (q - p).
+cell u = x / x_1; last cell u = min((x - x_b) / (x_top - x_b), 1). Uneven axis: i by binary search, u = (x - x_i) / (x_{i+1} -
+x_i), clamped to 0 to 1. 3. a = t00 + u (t10 - t00), b = t01 + u (t11 - t01), r = a + w (b - a), u along speed and w along the
+front angle. The rear angle likewise from its own table. With a stack of layers: both layers around the friction, then p + s (q
+- p).
    With a stack over longitudinal acceleration: around a / max(g, 1/16), g = friction / map_friction up to 1; the same
    acceleration takes more of the grip of a slippery road. Beyond the stack, and for NaN the first, the end layers.
-4. where r speed > ay_cap: r = ay_cap / speed, with the speed not clamped above, and the rear angle rises by what the linear car
-   needs for that, up to the sideslip bound (`capped_rear_angle`). A friction below the lowest layer's scales ay_cap; above
-   it, ay_cap is interpolated. With a stack over acceleration the interpolated ay_cap is divided by map_friction and
-   multiplied by the friction up to that. Where grip leaves a share of ay_cap, it is looked up like the others, on its own axes,
-   and multiplies ay_cap where it is below one (and by zero where below zero). The sign of the front angle comes back last.
+4. where r speed > ay_cap: r = ay_cap / speed, with the speed not clamped above, and the rear angle increases by the angle that
+   the linear car needs for this reduction, up to the sideslip bound (`capped_rear_angle`). A friction below the lowest layer's
+   scales ay_cap; above it, ay_cap is interpolated. With a stack over acceleration the interpolated ay_cap is divided by
+   map_friction and multiplied by the friction up to that. Where grip leaves a share of ay_cap, it is looked up like the
+   others, on its own axes, and multiplies ay_cap where it is below one (and by zero where below zero). The sign of the front
+   angle comes back last.
 """
 
 from __future__ import annotations

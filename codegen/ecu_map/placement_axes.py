@@ -6,9 +6,9 @@ gained, from several starts. A start divides the bound between the axes: linear 
 most add up. Errors are computed on a lattice several times finer than any cell. An even axis, perhaps with one wider cell at
 either end (`Axis`), is searched in the same way: the longest end cells, then the fewest even ones between them.
 
-A layout has the numbers that tables hold, and the yaw rates that the lookup computes from them. A bound on an error is one in
-rad/s. The error of a rear angle is converted to a yaw rate: the angle times the passive yaw gain G of the linear car. A law
-that looks up the rear angle commands it, or applies it to its reference model.
+A layout has the numbers that tables hold, and the yaw rates that the lookup computes from them. Bounds on errors are in rad/s.
+The error of a rear angle is converted to a yaw rate: the angle times the passive yaw gain G of the linear car. A law that
+looks up the rear angle commands it, or applies it to its reference model.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Split of the optimum with the nonlinear tyre into two smooth surfaces: the demand, and the limit of grip.
 
-With linear tyres the grip bounds are ay_cap / speed, one number for all speeds and front angles, and the optimum without them
-is solved like the one with them. With the nonlinear tyre the lateral acceleration at a slip bound depends on both, and beyond
-the tyre's peak there is no turn without grip bounds. So the optimum is solved once on a fine grid, and split:
+With linear tyres the grip bounds are ay_cap / speed, one number for all speeds and front angles, and the optimum can be solved
+without them. With the nonlinear tyre the lateral acceleration at a slip bound depends on both, and beyond the tyre's peak
+there is no turn without grip bounds. So the optimum is solved once on a fine grid, and split:
 
 - the limit: where a slip bound, the bound on lateral acceleration or the stability limit ends the turns. Beyond an edge it is
   constant; where another bound ends the turns first, it is the nearest known limit at that speed;

@@ -203,7 +203,8 @@ def optimum_of(reference_map: ReferenceMap, config: Config, total: TotalMap) -> 
 
 
 def _followed(turns: NonlinearTurns, reference_map: ReferenceMap, total: TotalMap, *, passive_safe: bool) -> SurfaceLayer:
-    """Return the layer with its cap, the largest value on the continuous optimum, and shares of that where it follows slip."""
+    """Return the layer with its cap: the largest lateral acceleration on the continuous optimum, and its fraction at each
+    point where the cap follows slip."""
     speed, front_angle = (_ends(axis) for axis in (reference_map.speed, reference_map.front_angle))
     found = grip_surfaces(
         turns, speed, front_angle, float(total.front_angle[-1]), total.lateral_acceleration_cap, passive_safe=passive_safe

@@ -74,7 +74,7 @@ LINUX = ("ars_xcp.c", "ars_xcp.h")
 MAP_ARCHIVE, ARCHIVE_COLUMNS = "map_archive", 120
 """Entry of the manifest with the file of the map, and the characters of each row."""
 BLANK_ID = "\0" * 8
-"""Stands for the id while the files are rendered that it is a hash of. No other text has this character."""
+"""Placeholder of the id while the files are rendered whose hash it is. No other text contains this character."""
 NAMED_NUMBERS = {
     "zero": 0.0,
     "quarter": 0.25,

@@ -33,7 +33,7 @@ _SPLIT_NAMES = "DW_AT_dwo_name", "DW_AT_GNU_dwo_name"
 _STRUCTS = ("DW_TAG_structure_type", "DW_TAG_class_type", "DW_TAG_union_type")
 _FUNCTIONS = ("DW_TAG_subprogram", "DW_TAG_lexical_block")
 _C = (0x01, 0x02, 0x0C, 0x1D, 0x2C, 0x3E)
-"""Values of DW_AT_language for C, of 1989 to 2023 (table 7.17, and those given since)."""
+"""Values of DW_AT_language for the C standards of 1989 to 2023 (table 7.17, and later additions)."""
 _TRANSPARENT = ("DW_TAG_typedef", "DW_TAG_const_type", "DW_TAG_volatile_type")
 DEPTH_MAX = 8
 """Nesting depth of structs that are searched for an object of a type."""

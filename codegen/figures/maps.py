@@ -55,7 +55,7 @@ PHASE_NAME = "phase conversion, δ<sub>r</sub> = 0"
 SPECK = 0.15
 """Pieces of the phase line with at most this fraction of the points of the longest one are not drawn."""
 CONTOUR_COUNT = 8
-"""About as many contour lines has a map."""
+"""Approximate number of contour lines of a map."""
 
 
 def tyre_note(tyre_model: str | None) -> str:

@@ -48,7 +48,7 @@ ALTERNATION_FACTOR, ALTERNATION_LAGS = 3.0, (2, 3)
 """Least ratio of the differences of neighbours to those of samples that lie farther apart, from which samples alternate between
 two courses. Noise has a ratio of 1, a smooth signal a smaller one."""
 CLIPPED = ("yaw_rate", "lateral_acceleration", "sideslip")
-"""Responses of the car. A driver may hold an angle of the steering wheel as long as he likes."""
+"""Responses of the car. A driver may hold the steering wheel still for any length of time."""
 
 
 @dataclass(frozen=True)

@@ -30,8 +30,8 @@ STAYS_FRACTION = 0.1
 MOVES_FRACTION = 0.2
 """Change of another signal, as a fraction of its largest magnitude in the drive, that shows that the car moves."""
 MOVES_STEPS = 5.0
-"""The change must be that of so many steps of the signal too. A coarse yaw rate stays constant on a straight road while the
-steering wheel moves a little."""
+"""The change must also be at least this many steps of the signal's resolution. A coarse yaw rate stays constant on a straight
+road while the steering wheel moves a little."""
 TYPICAL_PERCENTILE = 99.0
 RESPONSES = ("yaw_rate", "lateral_acceleration", "sideslip")
 LATERAL = (*RESPONSES, "steering_wheel_angle", "delta_f")

@@ -209,8 +209,8 @@ def _signal_needed(parameter: Parameter, known: dict[str, tuple[float, float, bo
 def _needs(
     config: Config, lateral_acceleration_max: float, signals: Sequence[str], information: Information, total: FloatArray
 ) -> dict[str, str]:
-    """Return what each quantity needs that a programme of the information `total` (k, k) does not determine: more time, or the
-    drive that determines it when added to the programme, at the lowest of some higher lateral accelerations."""
+    """Return the remedy for each quantity that a programme with the information `total` (k, k) leaves undetermined: more time,
+    or the additional drive that determines it at the lowest lateral acceleration."""
     names, deciding = information.names, decisive(information.names)
     missing = [k for k in range(len(names)) if shares_of(total)[deciding[k]] > DETERMINED_SHARE_MAX]
     found: dict[str, str] = {}

@@ -253,9 +253,9 @@ class _Solver:
 def noise_of(problem: Problem, errors: FloatArray) -> FloatArray:
     """Return the robust standard deviation (m, outputs) of the averaged errors of each segment; 1 where there are none.
 
-    It follows from the quantile NOISE_QUANTILE of their size. No segment has less noise than the quantile FLOOR_QUANTILE over
-    the segments has, for which a segment counts by the variance of what was measured in it: driving straight for long would
-    otherwise make every error of a manoeuvre an outlier. None has more than NOISE_RATIO_MAX of it.
+    It follows from the quantile NOISE_QUANTILE of their size. The noise of a segment is at least the quantile FLOOR_QUANTILE
+    over all segments, weighted by the variance of their measured outputs. Otherwise long straight driving would make every
+    error of a manoeuvre an outlier. None has more than NOISE_RATIO_MAX of it.
 
     Args:
         errors: (rows, outputs) simulated minus measured, NaN where not compared.
@@ -389,7 +389,8 @@ def _settled(
 
 
 def _scores(error: FloatArray, by_z: FloatArray, offsets: IntArray, window: int, inverse: FloatArray) -> FloatArray:
-    """Return the gradient (blocks, f) of each block, enlarged by what the fit to its own window takes from its error.
+    """Return the gradient (blocks, f) of each block, enlarged to compensate for the part of the error that the fit to the
+    block's own window removes.
 
     Args:
         error, by_z: see `_Solver.rows`. offsets: first block of each segment. inverse: (f, f) inverse Hessian.

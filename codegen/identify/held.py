@@ -1,8 +1,9 @@
 """Quantities of the tyre curves that are held as configured, and what their uncertainty adds to that of the others.
 
 The curve of a tyre that did not reach its peak shows in the drives as a bend of the force, of which D, C, E and the load
-sensitivity are almost interchangeable causes. What the drives would say about each of them is mostly an error of the model, and
-all four together describe a curve that goes on anywhere beyond the drives. So only as many are fitted as the driven part needs.
+sensitivity are almost interchangeable causes. An estimate of each would mostly reflect errors of the model, and the four
+together would describe an arbitrary curve beyond the driven slip. Therefore only as many of them are fitted as the driven part
+requires.
 """
 
 from __future__ import annotations
@@ -19,15 +20,16 @@ from codegen.identify.parameters import BY_NAME, CURVE_PARAMETERS
 from codegen.identify.reached import exceeds_reached, reached, tyres_of
 
 PEAK_SLIP_FACTOR_MAX = 2.0
-"""Largest slip of a peak over the one that was driven: beyond, more of the curve is extrapolated than was driven."""
+"""Largest ratio of the slip at the peak to the largest driven slip: beyond it, more of the curve is extrapolated than
+driven."""
 
 
 def undetermined_curves(fitted: Fit, judged: Identifiability, config: Config) -> list[str]:
     """Return the quantities of the tyre curves that the next fit holds at their configured values.
 
-    Without the peak, the drives do not tell D from C and the load sensitivity; nor, in the next fit, from E. D is held too if,
-    in the last one, the curve was not driven beyond its slip bound. However small the deviation of D is, C and load sensitivity
-    are not determined if the curve goes far beyond the drives, or has a quantity at the end of its range.
+    Without the peak, the drives cannot distinguish D from C and the load sensitivity, nor, in the next fit, from E. D is held
+    too if, in the last one, the curve was not driven beyond its slip bound. However small the deviation of D is, C and load
+    sensitivity are not determined if the curve goes far beyond the drives, or has a quantity at the end of its range.
     """
     names, values = fitted.problem.prior.names, fitted.named()
     departure = config.limits.slip_departure_percent / 100.0

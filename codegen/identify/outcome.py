@@ -41,8 +41,8 @@ _ERROR_MAX = 0.9
 _SLIP_FACTOR_MAX = 1.01
 """Largest slip that a map uses over the slip that was driven: both are rounded, and simulated with noise."""
 _FREE_RUN_FACTOR_MAX = 1.0
-"""Largest error of the free run over that of one step. For a correct model it is 0.71: both are noise. At one, the error
-of the model is as large as the noise."""
+"""Largest ratio of the free run's error to the one-step error. For a correct model it is 0.71: both are noise. At one, the
+error of the model is as large as the noise."""
 _TINY = float(np.finfo(np.float64).tiny)
 _TURNING, _FREE_RUN_SHARE_MAX = 1.0 * DEGREE, 0.15
 """Yaw rate (rms, rad/s) from which a drive shows whether it is predicted, and the fraction of it that is too large an error:
@@ -119,7 +119,8 @@ def _beyond_the_drives(found: Identification, limits: Reached) -> Iterator[str]:
 
 
 def _predictions(validations: Sequence[Validation]) -> Iterator[str]:
-    """Yield what the identified car does not predict as well as the noise allows: one line of each kind, of its worst drive."""
+    """Yield a line for each kind of output that the identified car predicts worse than the noise allows, with its worst
+    drive."""
     lost: list[tuple[float, str]] = []
     wrong: list[tuple[float, str]] = []
     coloured: list[tuple[float, str]] = []

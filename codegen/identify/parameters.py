@@ -17,7 +17,7 @@ Group = Literal["vehicle", "actuator", "steering"]
 
 
 END_SPREADS = 1e-3
-"""Distance to an end of its range, in spreads, within which a value counts as being there: far below every deviation."""
+"""Distance to an end of the range, in spreads, within which a value counts as at that end: far below every deviation."""
 
 
 @dataclass(frozen=True)

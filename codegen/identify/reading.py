@@ -27,7 +27,7 @@ from codegen.logs.databases import Databases
 from codegen.logs.measurement import Account, Samples
 
 _FILTER_STEPS = 5
-"""Half length of the filter in steps of the grid. So many steps beside a gap and at both ends have no value."""
+"""Half length of the filter in steps of the grid. Number of steps beside a gap, and at both ends, that have no value."""
 _KAISER_BETA = 5.0
 """Window of the filter: at least 53 dB above half of the grid's rate (J. F. Kaiser, 1974). With this length the transition is
 0.31 of that rate wide, half of it above the cutoff."""
@@ -36,7 +36,7 @@ _CUTOFF = 0.335
 _TIME_RESOLUTION_S = 2e-6
 """Difference below which two times of a log are equal: ASC and candump have 1 us, a float64 of Unix time 0.24 us."""
 _FACTOR_MAX = 50
-"""Largest number of filtered samples in a step: of an even faster signal every so many samples suffice."""
+"""Largest number of samples in a step that are filtered; a faster signal is thinned out first."""
 _FASTER = 1.25
 """Ratio of the rates up to which a signal is not filtered."""
 

@@ -27,8 +27,8 @@ _RENAMED = {"stiffness_factor_b_per_rad": "cornering_stiffness_n_per_rad"}
 def identified_keys(found: Identification) -> dict[str, tuple[float | int, float]]:
     """Return the key of each uncertain quantity -> its value and standard deviation, in the unit of the key.
 
-    The tyre of an axle of which anything is determined has its cornering stiffness, determined or not, because B would change
-    with its other factors.
+    If any quantity of an axle's tyre is determined, its cornering stiffness is written too: B would otherwise change with the
+    other factors.
     """
     period = found.config.controller.sampling_time_s
     keys: dict[str, tuple[float | int, float]] = {}

@@ -30,7 +30,7 @@ NO_SIDESLIP = (
     "leaves out roll; measure sideslip if a map is to keep its slip bounds exactly"
 )
 SPEED_FACTOR_CHANGE = 0.05
-"""Difference of the speed factor from one that no speed sensor has."""
+"""Deviation of the speed factor from 1 that no speed sensor has."""
 ROUNDS_MAX = 3
 """Fits of the car with shifts and integration steps that follow from the last one."""
 

@@ -25,7 +25,7 @@ LAGS_S = 0.2
 MOVED_MIN = 3.0
 """Least size of an output in a drive, as a multiple of its noise, with which the drive shows an error of the model."""
 WHITE_P_MIN = 0.01
-"""Residuals count as white where chance exceeds their correlation with at least this probability."""
+"""Residuals count as white if white noise has a larger correlation with at least this probability."""
 
 
 @dataclass(frozen=True)
@@ -54,8 +54,8 @@ class FreeRun:
 
     Attributes:
         time: (n,) s. measured, simulated: (n, outputs of `model.OUTPUTS`), NaN where there is none.
-        yaw_rate_error: root mean square of the free run's error, rad/s. one_step_error: the same of the yaw rate one sample
-            ahead: the measured one plus the simulated change.
+        yaw_rate_error: root mean square of the free run's error, rad/s. one_step_error: root mean square of the error one
+        sample ahead, from the measured yaw rate plus the simulated change, rad/s.
         yaw_rate_size: root mean square of the measured yaw rate without its mean, rad/s.
         largest: largest error of the yaw rate, rad/s.
         acceleration_error: root mean square of the error of the lateral acceleration, m/s^2; NaN if not measured.

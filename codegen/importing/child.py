@@ -1,6 +1,7 @@
 """Calls in a process of its own, for libraries that crash or request any amount of memory on a damaged file.
 
-The result returns as a pickle. Whoever could forge it through a file would already run code in the child, with the same rights.
+The result returns as a pickle. An attacker who could forge it through a file could already run code in the child, with the
+same rights.
 """
 
 from __future__ import annotations

@@ -130,7 +130,7 @@ def _no_time(mdf: MDF, number: int) -> str:
 
 
 def _time_size(mdf: MDF, number: int) -> float:
-    """Return the size in s of the unit of a group's stamps. Files should have s; some tools write ms, and name it."""
+    """Return the size in s of the unit of a group's stamps. The standard requires s; some tools write ms and name the unit."""
     unit = time_unit_of(_unit(mdf.groups[number].channels[mdf.masters_db[number]]))
     return TIME_UNITS[unit or "s"]
 

@@ -35,7 +35,7 @@ def read(path: Path, names: Sequence[str], bytes_max: int) -> list[FloatArray]:
         bytes_max: limit on the size of all results.
 
     Raises:
-        ValueError: more than that, or a column has no numbers.
+        ValueError: the results are larger, or a column has no numbers.
         Exception: whatever pyarrow raises for a damaged file.
     """
     rows = parquet.read_metadata(path).num_rows

@@ -4,8 +4,8 @@
 never assumed.
 
 Impossible values reveal a wrong unit, and usually the right one. Each bound states its reason. The true unit of a road car is
-never rejected. A wrong one is found where it exceeds a bound: nearly always for a factor of 57 (degrees, radians) and mostly
-for a factor of 3.6 (km/h, m/s).
+never rejected. A wrong unit is detected when values exceed a bound: nearly always for a factor of 57 (degrees, radians) and
+mostly for a factor of 3.6 (km/h, m/s).
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ from hil_sim.scenarios import DEPARTURE_TIME_S, PATH_SCENARIOS, Scenario
 
 PREVIEWS_AND_DELAYS_S = ((0.3, 0.05), (0.4, 0.05), (0.4, 0.1), (0.5, 0.1), (0.5, 0.15), (0.6, 0.15), (0.6, 0.2), (0.8, 0.2))
 """Preview time and reaction time. The pairs surround those with which a driver of the paper's car passes at its largest entry
-speed; who reacts later must look farther ahead."""
+speed; a driver who reacts later must look farther ahead."""
 GAINS = (0.7, 0.8, 0.9, 1.0, 1.1, 1.25)
 """Factors on the angle that is optimal for the linear passive car."""
 DRIVERS = tuple(Hands(*times, gain) for times, gain in itertools.product(PREVIEWS_AND_DELAYS_S, GAINS))
@@ -75,7 +75,7 @@ class LaneChange(Scenario):
 def sideslips_if_passed(runs: Runs, scenario: LaneChange, config: Config) -> FloatArray:
     """Return the largest sideslip angles (n,) of lane changes in deg; NaN where a cone is hit or the car spins.
 
-    The runs are those of drivers at one entry speed. What follows the end of the scenario does not count.
+    The runs are those of drivers at one entry speed. Samples after the end of the scenario do not count.
     """
     path = scenario.road_path(config)
     assert path is not None
@@ -91,7 +91,7 @@ def sideslips_if_passed(runs: Runs, scenario: LaneChange, config: Config) -> Flo
 def largest_entry_speed(passes: Callable[[float], bool], last_km_h: float = LAST_KM_H) -> float:
     """Return the largest entry speed in km/h at which at least one driver passes; zero for none.
 
-    Speeds rise by STEP_KM_H to the last one. `passes` says whether a driver passes at a speed in km/h.
+    Speeds rise by STEP_KM_H to the last one. `passes` returns whether a driver passes at a speed in km/h.
     """
     found, misses = 0.0, 0
     for speed in np.arange(FIRST_KM_H, min(last_km_h, LAST_KM_H) + 0.5 * STEP_KM_H, STEP_KM_H).tolist():

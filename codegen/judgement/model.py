@@ -59,7 +59,7 @@ class Row(_Stored):
 
     @property
     def passive_text(self) -> str:
-        """The same of the passive car; "" where the figure has none."""
+        """Value of the passive car with its unit; "" if the figure has none."""
         return "" if self.key.startswith(MAP_ONLY) else self._text(self.passive, self.unit.partition(" of ")[0])
 
     def _text(self, value: float | None, unit: str) -> str:

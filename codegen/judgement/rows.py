@@ -203,7 +203,7 @@ def steady_rows(figures: SteadyFigures) -> Iterator[Row]:
 
 
 def step_rows(figures: StepFigures, base_km_h: float) -> Iterator[Row]:
-    """Yield the steady figures of the default scenario's step, and the worst of all steps in each transient figure."""
+    """Yield the steady figures of the default step, and the worst value of each transient figure over all steps."""
     if math.isclose(figures.speed_km_h[0], base_km_h):
         at = f"step steer, {figures.speed_km_h[0]:g} km/h, {figures.front_angle_deg[0]:.1f} deg"
         own, passive = map(float, figures.yaw_rate_deg_s[:, 0])

@@ -13,7 +13,7 @@ from codegen.emit.evidence import placement_line, placement_summary
 from codegen.emit.from_files import Prepared, prepare_map
 from codegen.emit.write import check_target
 from codegen.errors import CheckFailed, CodegenError, within
-from codegen.judgement.check import all_warnings
+from codegen.judgement.facts import all_warnings
 from codegen.judgement.map_warnings import require_grip
 from codegen.judgement.model import of_map
 from codegen.library.builds import Build

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from codegen.configuration import Config
 from codegen.errors import CheckFailed, CodegenError
-from codegen.judgement import check as checking
+from codegen.judgement import facts as checking
 from codegen.judgement.model import Judgement
 from codegen.library.builds import Build, BuildLike, edited_notes, folder_of
 from codegen.library.configurations import ConfigLike, given_config

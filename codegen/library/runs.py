@@ -232,8 +232,9 @@ def run(
         speed_km_h, steering_wheel_angle_deg: for scenarios that accept them.
         baselines: also run the paper's PI, feedforward and the proportional law.
         plant: "roll" has other tyres, roll and backlash of its own, and sensors with bias and jitter.
-        through_can: run through the task and its CAN frames, without a bus. What follows needs it.
-        clock_drift_ppm, jitter_ms: of two clocks, and largest deviation of frames and task from them.
+        through_can: run through the task and its CAN frames, without a bus. The arguments below require it.
+        clock_drift_ppm: drift between the clocks of car and ECU. jitter_ms: largest deviation of frames and task from their
+        clock.
         sensors: simulate noise, bias, delay and resolution of `[sensors]`.
         seed: of noise, faults and jitter.
         progress: called with the share of the work that is done.

@@ -18,7 +18,7 @@ from codegen.library.verification import without_main
 from codegen.report.reference_tables import reference_sections
 from codegen.report.suite_tables import car_failures, car_sections, failures, sections
 from codegen.verify.budgets.measure import measure_step
-from codegen.verify.check import Effort, Subject
+from codegen.verify.outcomes import Effort, Subject
 from hil_sim.suite import cars as random_cars
 from hil_sim.suite import full_suite, references
 from hil_sim.suite.cars import DEVELOPMENT_SEED

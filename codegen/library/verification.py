@@ -18,7 +18,7 @@ from codegen.library.result import PathLike, Progress, Result, Work, path_of, pu
 from codegen.requirements import packages_of, pip_install
 from codegen.sil.software import require_can_side
 from codegen.verify import record, runner
-from codegen.verify.check import Effort, Subject, Verdict
+from codegen.verify.outcomes import Effort, Subject, Verdict
 from codegen.verify.runner import VerificationReport
 
 

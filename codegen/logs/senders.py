@@ -221,7 +221,7 @@ def _is_one_bus(senders: Sequence[Sender]) -> bool:
 
 
 def _conflict(originals: Sequence[Sender], what: str) -> tuple[str, str]:
-    """Return what is wrong if several senders send a message, and the remedy. what: what is to be said of their data."""
+    """Return what is wrong if several senders send a message, and the remedy. what: text about their data."""
     shown = " and ".join(f"{each.frames.size} frames ({_of(each, originals)})" for each in originals)
     channels = list(dict.fromkeys(each.channel for each in originals))
     if len(channels) > 1:

@@ -1,4 +1,4 @@
-"""The yaw rate that a map asks for, made from the optimum: raised to a floor, and bent towards a cap.
+"""The yaw rate that a map demands, made from the optimum: raised to a floor, and bent towards a cap.
 
 The yaw rate is the only free quantity of a steady turn: rear angle, sideslip and slip angles follow from it. So floor and cap
 act on it after the optimisation, and the turn is then taken at the yaw rate asked for. Where that is not feasible, it is taken
@@ -33,8 +33,8 @@ CAPPED = 2.0 ** (-1.0 / SHARPNESS)
 """Share of the limit to which a demand as large as the limit is bent. The cap counts as binding from here."""
 
 BELOW_GRIP = 0.99
-"""Cap over the smallest lateral acceleration at which grip ends the turns of a speed. That one falls with the front angle, and
-an optimum at it would too: beyond, the optimum counts as if it stayed there."""
+"""Cap over the smallest lateral acceleration at which grip ends the turns of a speed. The latter falls with the front angle,
+and an optimum limited by it would fall too: beyond, the optimum is held constant."""
 
 
 @dataclass(frozen=True)

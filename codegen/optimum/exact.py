@@ -30,7 +30,7 @@ class Solution:
         feasible: whether the constraints leave a solution.
         active: `Binding` flags, which constraints bind within BINDING_TOLERANCE.
         margin: rad of rear angle, how wide the feasible interval is (negative: by how much it is missed). With a law, such as
-            straight rear wheels: how far its turn lies inside what the other constraints allow, in rad of its quantity.
+        straight rear wheels: distance of its turn from the nearest other constraint, in rad.
     """
 
     yaw_rate: FloatArray

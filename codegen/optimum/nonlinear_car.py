@@ -5,9 +5,10 @@ give the lateral speed and the rear angle). Two equations hold them, the side fo
 
     Y_f + Y_r = m vx r,    lf Y_f + M_f - lr Y_r + M_r = 0
 
-with Y the sum of an axle's tyre forces across the car and M what they do about its middle (half a track apart, turned by the
-steering angle). Wheel loads, slip angles and forces are those of `vehicle.dynamics.two_track` with all derivatives zero.
-Newton's method solves them from the single-track car's answer; the same derivatives give how the turn changes with r.
+where Y is the sum of the lateral tyre forces of an axle and M their moment about its middle (each acts half a track away,
+turned by the steering angle). Wheel loads, slip angles and forces are those of `vehicle.dynamics.two_track` with all
+derivatives zero. Newton's method solves them from the single-track car's answer; the same derivatives give how the turn
+changes with r.
 
 Beyond its slip bound the force of an axle continues along its tangent. Such turns are infeasible, so no result depends on them,
 but every yaw rate then has a turn and the excess over the bound leads to where it is met.
@@ -379,7 +380,7 @@ class SteadyCar:
         )
 
     def _step(self, at: _Balance, motion: Motion, front_angle: FloatArray, slips: Slips) -> Turns:
-        """All angles one step of Newton's method further, with the rates where it began."""
+        """Angles after one further Newton step, and the rates before it."""
         front_step, rear_step = at.solved(at.moments, at.sides)
         rates = at.solved(at.moments_by_yaw_rate, at.sides_by_yaw_rate)
         return self._turns(motion, front_angle, (slips[0] + front_step, slips[1] + rear_step), rates)

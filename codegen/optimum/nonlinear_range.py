@@ -28,11 +28,11 @@ from codegen.units import KM_H
 
 SAMPLES = 9
 BEYOND_GRIP = 1.08
-"""The samples end at this share of the single-track car's grip, the last of them beyond a bound; further where it is not."""
+"""The samples end at this multiple of the single-track car's grip, or farther out if the last sample is not beyond a bound."""
 BEYOND_REACH = 1.02
 """The same for the angles."""
 REACH_WITHOUT_STEERING = 0.2
-"""rad of rear angle, to either side, up to which the turns of a car are followed that does not steer it."""
+"""rad of rear angle, to either side, up to which the turns of a car without rear steering are followed."""
 ENLARGED = 1.3
 ROUNDS_MAX = 40
 

@@ -85,8 +85,8 @@ WALKING_SPEED = 3.0 * KM_H
 def from_walking_speed(reference_map: ReferenceMap) -> ReferenceMap:
     """Return a solved map that begins at `WALKING_SPEED` or less than a cell above it, on the same front angles.
 
-    A map whose first speed is higher asks near the steering stop for what grip leaves there, in phase with the front wheels:
-    far from what a slow car needs. The added speeds have the distance of its first two. A bare table stays as it is.
+    A map with a higher first speed demands, near the steering stop, the yaw rate that grip leaves there, with the rear wheels
+    in phase: far from what a slow car needs. The added speeds have the distance of its first two. A bare table stays as it is.
 
     Raises:
         MapError: a steady turn is not found.

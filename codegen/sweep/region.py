@@ -267,7 +267,7 @@ def _gains_about(limit: FloatArray) -> list[FloatArray]:
 
 
 def speeds_of(config: Config) -> tuple[float, ...]:
-    """Return those of SPEEDS_KM_H below the last speed of `margin_range_km_h`, and that speed or the last of them."""
+    """Return REGION_SPEEDS_KM_H, cut off at the last speed of `margin_range_km_h`."""
     last = min(margin_range_km_h(config)[1], REGION_SPEEDS_KM_H[-1])
     return (*(speed for speed in REGION_SPEEDS_KM_H if speed < last), last)
 

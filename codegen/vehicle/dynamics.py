@@ -375,10 +375,10 @@ def single_track(config: Config, tyre_model: TyreModel, axle_shares: Sequence[fl
 
     `axle_shares` multiply the peaks of front and rear axle, only with "load-transfer".
 
-    "load-transfer" has in steady turns the yaw rate of the two-track car, within 1 % of it: the curve of an axle
-    includes what load transfer costs it, and of two steered wheels the one that carries more pulls its axle back by more. That
-    moment is half a track times the steering angle times the difference of both side forces, which is the force of the axle
-    times the share of the load that has moved.
+    "load-transfer" has in steady turns the yaw rate of the two-track car, within 1 % of it: the curve of an axle includes its
+    loss of force by load transfer, and of two steered wheels the more loaded one pulls its axle back more. That moment is half
+    a track times the steering angle times the difference of both side forces, which is the force of the axle times the share
+    of the load that has moved.
     """
     tyres, vehicle = AxleTyres.from_config(config), config.vehicle
     beta, yaw_rate = ca.SX.sym("beta"), ca.SX.sym("r")

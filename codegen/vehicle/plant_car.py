@@ -201,8 +201,8 @@ def deviations(
 ) -> dict[str, Any]:
     """Return the keys of `ars.toml`, with their values, of a car that deviates from the configured one.
 
-    The slope of the tyres at zero slip is kept under changes of mass, centre of gravity and peak: their factor B would
-    otherwise carry it along, and a change of the mass would not affect the motion of the linear car at all.
+    The slope of the tyres at zero slip is kept under changes of mass, centre of gravity and peak: with a constant factor B it
+    would change with them, and a change of the mass would not affect the motion of the linear car.
 
     Args:
         mass, yaw_inertia, tyre_peak, front_stiffness, rear_stiffness: factors, numbers or (n,); the yaw inertia's on top of the
@@ -249,7 +249,8 @@ def load_shares_per_lateral_acceleration(config: Config) -> tuple[float, float]:
 
 
 def load_transfer_losses(config: Config) -> tuple[float, float]:
-    """Loss q of the front and of the rear axle: what the load sensitivity of its tyres costs it in a steady turn.
+    """Loss factors q of the front and the rear axle: reduction of side force by the load sensitivity of the tyres in a steady
+    turn.
 
     With a tyre's curve s, the axle's curve c is s (1 + p2/p1 x^2). The share x of the load that moves follows from the axle's
     own force: x = x1 mu p1 g c, x1 being the share for each m/s^2. Hence c = s - q s c^2. Zero for tyres without load

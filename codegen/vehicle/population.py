@@ -1,8 +1,8 @@
 """Cars that the measured drives leave possible: draws of the identified keys from their joint normal distribution.
 
 C, D and E of a tyre that did not reach its peak compensate for each other: the drives determine the force up to the slip that
-was reached far better than D. To first order, the covariance of these factors says so, but the force is far from linear in
-them. So the slip bound of an axle is drawn instead of D where it is known better, and D follows from it.
+was reached far better than D. Their covariance describes this to first order, but the force is far from linear in them.
+Therefore the slip bound of an axle is drawn instead of D if it is known better, and D follows from it.
 """
 
 from __future__ import annotations
@@ -208,7 +208,7 @@ def require_accepted(config: Config) -> None:
 
 
 STEPS = (1.0, -1.0, 1e-3, -1e-3)
-"""Changes of a key, in standard deviations, of which an `ars.toml` may have at least one if the key can vary."""
+"""Trial changes of a key, in standard deviations. A key can vary if at least one of them gives a valid `ars.toml`."""
 
 
 def varying_keys(config: Config) -> tuple[str, ...]:

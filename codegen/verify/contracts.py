@@ -21,8 +21,8 @@ from codegen.emit.render import render
 from codegen.errors import BuildError
 from codegen.sil.software import Software
 from codegen.verify.cbmc import Cbmc, installed
-from codegen.verify.check import Effort, Outcome, Subject, Verdict, stored
 from codegen.verify.on_host import software_of
+from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict, stored
 from codegen.verify.states import fields, initialised_states
 
 Proof = Literal["proved", "failed", "open"]

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 from codegen.emit.contracts.files import FOLDER, frama_c_command
 from codegen.programs import run_program
-from codegen.verify.check import Effort, Outcome, Subject, Verdict, stored
+from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict, stored
 from codegen.verify.packages import MissingTool
 
 SHOWS = (

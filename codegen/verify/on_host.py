@@ -10,7 +10,7 @@ from codegen.errors import BuildError, CodegenError
 from codegen.sil.compile import DEFAULT_FLAGS
 from codegen.sil.software import Software, compile_build
 from codegen.sil.toolchain import compiler_identity, find_compiler, run
-from codegen.verify.check import Subject
+from codegen.verify.outcomes import Subject
 from codegen.verify.packages import MissingTool
 
 HOST_FLAGS = tuple(flag for flag in DEFAULT_FLAGS if flag != "-Werror")

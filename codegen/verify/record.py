@@ -25,7 +25,7 @@ from codegen.emit.manual import manual
 from codegen.errors import CodegenError
 from codegen.files import write_together
 from codegen.judgement.build_warnings import read_record
-from codegen.verify.check import Outcome, Verdict
+from codegen.verify.outcomes import Outcome, Verdict
 from codegen.verify.runner import CHECKS, LEFT_OUT, VerificationReport
 
 SCHEMA_VERSION = 1

@@ -20,7 +20,7 @@ from pathlib import Path
 from types import FrameType
 
 from codegen.errors import CodegenError, one_line
-from codegen.verify.check import Effort, Outcome, Subject, Verdict
+from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict
 from codegen.verify.packages import MissingTool
 
 LEFT_OUT = "left out by --quick"
@@ -35,7 +35,7 @@ CLEANUP_TIME_S = 2.0
 class Registered:
     """A check: its name in JSON, its name in tables, the module with its function `check`, and whether `--quick` runs it.
 
-    `shows` is the property that it shows, for where it is not run.
+    `shows` is the property that it shows, printed if it is not run.
     """
 
     name: str
@@ -49,28 +49,28 @@ CHECKS = (
     Registered(
         "compiles",
         "compiles",
-        "codegen.verify.compilation.check",
+        "codegen.verify.compilation.compilers",
         "The C compiles without a warning for every core, as C99, C11 and C++, and calls no forbidden function",
         quick=True,
     ),
     Registered(
         "static-analysis",
         "static analysis",
-        "codegen.verify.analysis.check",
+        "codegen.verify.analysis.static_analysis",
         "Every finding of MISRA C:2012, cppcheck and gcc's analyser is a line of deviations.md",
         quick=True,
     ),
     Registered(
         "processor-in-the-loop",
         "processor in the loop",
-        "codegen.verify.pil.check",
+        "codegen.verify.pil.emulated_runs",
         "Code for other processors gives the same results as on the host, bit for bit",
         quick=True,
     ),
     Registered(
         "budgets",
         "budgets",
-        "codegen.verify.budgets.check",
+        "codegen.verify.budgets.code_budgets",
         "Instructions, stack, flash and RAM on a Cortex-M4F are within budget",
         quick=True,
     ),
@@ -84,7 +84,7 @@ CHECKS = (
     Registered(
         "sanitizers",
         "sanitizers",
-        "codegen.verify.sanitizers.check",
+        "codegen.verify.sanitizers.sanitizer_runs",
         "Drives and bus faults have the specified outcome, and no input causes undefined behaviour or exceeds a bound",
     ),
     Registered(

@@ -12,9 +12,9 @@ import numpy as np
 
 from codegen.sil.software import Measurement, Software
 from codegen.verify import parameter_sets, traffic
-from codegen.verify.check import Subject
 from codegen.verify.drive_cycle import LIFE, cycles_of, drive
 from codegen.verify.drives import GAPS, Thresholds, drawn, drives_of, measurements_of, recorded
+from codegen.verify.outcomes import Subject
 
 Unit = Literal["controller", "inputs", "limiter", "receiver", "task"]
 

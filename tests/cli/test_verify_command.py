@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from codegen.verify import runner
-from codegen.verify.check import Effort, Outcome, Subject, Verdict
+from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict
 from codegen.verify.runner import CHECKS, VerificationReport
 
 from .conftest import BUILD, Run

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from codegen.verify import record, runner
-from codegen.verify.check import Effort, Outcome, Subject, Verdict
+from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict
 from codegen.verify.runner import CHECKS, SLOWEST_FIRST, Registered, VerificationReport
 from tests.evidence.progress import Progress
 

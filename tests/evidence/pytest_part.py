@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from codegen.verify.check import Effort, Outcome, Verdict
+from codegen.verify.outcomes import Effort, Outcome, Verdict
 from tests.evidence.parts import ROOT, Part
 from tests.evidence.progress import Progress
 

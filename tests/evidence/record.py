@@ -8,7 +8,7 @@ from typing import Any
 
 from codegen.errors import CodegenError
 from codegen.sil.toolchain import compiler_command
-from codegen.verify.check import Outcome, Verdict
+from codegen.verify.outcomes import Outcome, Verdict
 from tests.evidence.parts import RECORDS, Part
 
 Record = dict[str, Any]

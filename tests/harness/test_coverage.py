@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from codegen.verify.check import Verdict
+from codegen.verify.outcomes import Verdict
 from tests.evidence.coverage import coverage, mcdc
 from tests.evidence.libfuzzer import libfuzzer
 

@@ -17,7 +17,7 @@ from types import ModuleType
 import pytest
 
 from codegen.errors import CodegenError
-from codegen.verify.check import Effort, Outcome, Verdict
+from codegen.verify.outcomes import Effort, Outcome, Verdict
 from codegen.verify.packages import MissingTool
 from scripts.guide import evidence_tables
 from tests import shared

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from codegen.verify.check import Effort, Outcome, Subject
+from codegen.verify.outcomes import Effort, Outcome, Subject
 from codegen.verify.sanitizers.sanitized import find_compiler
 from tests.evidence.exhaustive import exhaustive
 from tests.evidence.exhaustive.claim import Source

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from codegen.sil.toolchain import compiler_command
-from codegen.verify.check import Subject, Verdict
+from codegen.verify.outcomes import Subject, Verdict
 from tests.evidence.mutation.equivalents import Equivalent
 from tests.evidence.mutation.judging import SURVIVED
 from tests.evidence.mutation.mutants import Key, Mutant, mutants_of

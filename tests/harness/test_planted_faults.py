@@ -2,7 +2,7 @@
 
 import pytest
 
-from codegen.verify.check import Subject
+from codegen.verify.outcomes import Subject
 from codegen.verify.runner import CHECKS
 from scripts.guide import evidence_tables
 from tests.evidence.faults.planted import FAULTS, QUICK, planted, read_faults

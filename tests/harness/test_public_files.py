@@ -10,7 +10,7 @@ import pytest
 from codegen import limits
 from codegen.errors import CodegenError
 from codegen.logs import reader
-from codegen.verify.check import Effort, Verdict
+from codegen.verify.outcomes import Effort, Verdict
 from tests.evidence.progress import Progress
 from tests.evidence.public import counts, files
 from tests.identify import made

@@ -13,8 +13,8 @@ from codegen.configuration import Config
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.errors import CodegenError
 from codegen.explore.explorer import Explorer
-from codegen.judgement.check import check_path
 from codegen.judgement.drives import DwellFigures, Peaks, StepFigures
+from codegen.judgement.facts import check_path
 from codegen.judgement.judge import judge, sentence
 from codegen.judgement.model import MISSING_RECORD, Judgement, Row, Stored, Verdict, of_manifest, of_map
 from codegen.judgement.rows import dwell_rows, step_rows

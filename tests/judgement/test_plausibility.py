@@ -17,7 +17,7 @@ from codegen.emit.from_files import prepare
 from codegen.errors import CheckFailed, CodegenError
 from codegen.judgement.build_warnings import family_warnings, margins_line, schedule_warnings
 from codegen.judgement.car_warnings import Handling, car_warnings
-from codegen.judgement.check import Found, check_path
+from codegen.judgement.facts import Found, check_path
 from codegen.judgement.map_warnings import MapFacts, axis_warnings, beyond_grip, map_warnings
 from codegen.judgement.model import of_map
 from codegen.map_file import map as npz
@@ -371,6 +371,6 @@ def test_another_configuration_requires_a_map(tmp_path: Path) -> None:
 
 def test_several_warnings_are_counted_in_the_plural(monkeypatch: pytest.MonkeyPatch) -> None:
     found = Found("map", (), {}, (), ("one", "two"))
-    monkeypatch.setattr("codegen.judgement.check.check_path", lambda *_, **__: found)
+    monkeypatch.setattr("codegen.judgement.facts.check_path", lambda *_, **__: found)
     with pytest.raises(CheckFailed, match="2 warnings; resolve them"):
         check.main([str(GENERATED / "4ws2.npz")], standalone_mode=False)

@@ -20,7 +20,7 @@ from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.write import write_folder
 from codegen.errors import MapError
 from codegen.importing.toml_edit import whole
-from codegen.judgement.check import check_path
+from codegen.judgement.facts import check_path
 from codegen.map_file import archive
 from codegen.map_file import map as refmap
 from codegen.map_file.bounds import Binding

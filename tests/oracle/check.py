@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 from codegen.sil.software import Status
-from codegen.verify.check import Subject
 from codegen.verify.long_drives import LongDrives
 from codegen.verify.on_host import software_of
+from codegen.verify.outcomes import Subject
 from codegen.verify.unit_drives import SIZE_QUICK, Drive, Size, Stretch, UnitDrives
 from hil_sim.codec import Codec
 from tests.oracle import parameters, states

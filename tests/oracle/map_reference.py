@@ -22,7 +22,7 @@ from codegen.errors import BuildError
 from codegen.map_file.map import changed, own_value
 from codegen.map_file.tables import ACCELERATION_STACK, FRICTION_STACK
 from codegen.sil.software import Software
-from codegen.verify.check import Subject
+from codegen.verify.outcomes import Subject
 
 _STEERING = (
     *("wheelbase", "understeer_coefficient", "rear_arm", "rear_slip_per_lateral_acceleration"),

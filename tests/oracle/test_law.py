@@ -4,7 +4,7 @@ import re
 from dataclasses import replace
 
 from codegen.sil.software import compile_build
-from codegen.verify.check import Subject
+from codegen.verify.outcomes import Subject
 from codegen.verify.unit_drives import Size, UnitDrives
 from tests.oracle import states
 from tests.oracle.check import check

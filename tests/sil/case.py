@@ -24,7 +24,7 @@ from codegen.emit.folder import Folder, render_manifest
 from codegen.map_file import map as refmap
 from codegen.sil.software import Software
 from codegen.sil.toolchain import compiler_command
-from codegen.verify.check import Subject
+from codegen.verify.outcomes import Subject
 from tests import builds, shared
 from tests.builds import Built
 from tests.sil.library import OPTIMISED, Compiler, Opened, Tree, library_of

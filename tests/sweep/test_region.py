@@ -25,7 +25,7 @@ from codegen.sweep.region import (
     region,
     speeds_of,
 )
-from codegen.verify.check import Subject
+from codegen.verify.outcomes import Subject
 from tests import builds
 
 GENERATED = Path(__file__).parents[2] / "generated"

@@ -3,7 +3,7 @@
 import re
 
 from codegen.emit.folder import Folder
-from codegen.verify.check import Subject
+from codegen.verify.outcomes import Subject
 
 
 def subject_of(folder: Folder, **changed: str) -> Subject:

@@ -9,9 +9,9 @@ from dataclasses import replace
 import pytest
 
 from codegen.verify.budgets import bounded_loops, measure
-from codegen.verify.budgets import check as budgets
+from codegen.verify.budgets import code_budgets as budgets
 from codegen.verify.budgets.measure import CYCLE
-from codegen.verify.check import Effort, Outcome, Subject, Verdict
+from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict
 from tests.verify import builds, planted
 
 PI = builds.made("pi", "uneven")

@@ -2,9 +2,9 @@
 
 import pytest
 
-from codegen.verify.check import Effort, Outcome, Subject, Verdict
-from codegen.verify.compilation import check as compiles
+from codegen.verify.compilation import compilers as compiles
 from codegen.verify.compilation import mixtures
+from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict
 from codegen.verify.packages import MissingTool
 from tests.verify import builds, planted
 from tests.verify.test_static_analysis import c_function

@@ -7,8 +7,8 @@ import pytest
 from codegen.emit.build import code_again
 from codegen.errors import BuildError
 from codegen.verify import generator
-from codegen.verify.check import Effort, Subject, Verdict
 from codegen.verify.long_drives import LongDrives
+from codegen.verify.outcomes import Effort, Subject, Verdict
 from codegen.verify.unit_drives import Size
 from tests.verify import builds, planted
 

@@ -3,7 +3,7 @@
 import pytest
 
 from codegen.verify import memory
-from codegen.verify.check import Effort
+from codegen.verify.outcomes import Effort
 from codegen.verify.packages import MissingTool
 from tests.verify import builds, planted
 

@@ -5,9 +5,9 @@ import sys
 import pytest
 
 from codegen.verify.budgets import bounded_loops
-from codegen.verify.check import Effort, Outcome, Subject, Verdict
+from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict
 from codegen.verify.packages import MissingTool
-from codegen.verify.pil import check as pil
+from codegen.verify.pil import emulated_runs as pil
 from codegen.verify.target import POWERPC_BE
 from tests.verify import builds, planted
 

@@ -8,7 +8,7 @@ import pytest
 
 from codegen.emit import requirements
 from codegen.emit.requirements import REQUIREMENTS
-from codegen.verify.check import Verdict
+from codegen.verify.outcomes import Verdict
 from codegen.verify.runner import CHECKS
 from tests.verify import builds
 

@@ -14,7 +14,7 @@ from codegen.emit.manual import manual
 from codegen.errors import CodegenError
 from codegen.verify import record, runner
 from codegen.verify.budgets import bounded_loops
-from codegen.verify.check import Effort, Subject, Verdict
+from codegen.verify.outcomes import Effort, Subject, Verdict
 from codegen.verify.runner import CRASHED, LEFT_OUT, Registered, VerificationReport
 
 BUILD = Path(__file__).parents[2] / "generated" / "4ws2-paper"

@@ -13,10 +13,9 @@ import pytest
 from codegen.emit.deviations import DEVIATIONS_FILE, excerpt, read_deviations
 from codegen.errors import CodegenError
 from codegen.verify import on_host
-from codegen.verify.analysis import analysers
-from codegen.verify.analysis import check as static_analysis
+from codegen.verify.analysis import analysers, static_analysis
 from codegen.verify.analysis.number_tables import malformed
-from codegen.verify.check import Effort, Outcome, Subject, Verdict
+from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict
 from codegen.verify.packages import MissingTool
 from codegen.verify.target import source_tree
 from tests.verify import builds

@@ -311,7 +311,7 @@ class FrameUnits(Conditions):
     def _rated(self, place: str, start: str) -> Iterator[tuple[str, str]]:
         """Yield the rate limit from a start angle, upwards and downwards, in words and as a condition.
 
-        Alternatives that say no more spare the solver the order of sums: no step, and a smaller one.
+        The condition contains two weaker alternatives, no step and a smaller step: with them the solver need not order sums.
         """
         for (order, sign), claim in zip((("<=", "+"), (">=", "-")), self.moved(_ANGLE, start, _LIMITER), strict=True):
             smaller = f"({_ANGLE} {order} ({start} {sign} {self._returning()}))"

@@ -175,9 +175,9 @@ class WrittenMap:
 def map_of(values: Values, build: BuildCalibration, name: object) -> WrittenMap:
     """Return the map that the ECU follows with a set: what the build's own lookup returns at the breakpoints of the map.
 
-    Breakpoints that the build has added (zero, the last angle) are left out, because another build adds them again. The
-    breakpoints of a placed table are too few for a map, because the lookup cuts it off inside cells; it is sampled as finely as
-    `[grid]` says. The map has the configuration of the build.
+    Breakpoints that the build has added (zero, the last angle) are left out, because another build adds them again. A placed
+    table has too few breakpoints for a map, because the cap can lie inside a cell; it is sampled on the grid of `[grid]`
+    instead. The map has the configuration of the build.
 
     Raises:
         MapError: the tables are not a map.

@@ -17,7 +17,7 @@ from codegen.figures.runs import PANELS
 from codegen.figures.scenarios import time_chart
 from codegen.judgement.build_warnings import folder_warnings
 from codegen.judgement.car_warnings import Handling
-from codegen.judgement.check import all_warnings
+from codegen.judgement.facts import all_warnings
 from codegen.report.html import build as build_tables
 from codegen.report.html import judgement
 from codegen.report.html.blocks import Block, Gallery, Text, Tile, Tiles

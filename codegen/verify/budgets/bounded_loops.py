@@ -29,7 +29,7 @@ STEPS = {"p++": "up", "++": "up", "+=": "up", "p--": "down", "--": "down", ">>="
 
 
 class _Function(NamedTuple):
-    """A function and where it stands."""
+    """A function and its location."""
 
     unit: str
     name: str

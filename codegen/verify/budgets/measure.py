@@ -21,9 +21,9 @@ from codegen.errors import BuildError
 from codegen.verify.budgets import workloads
 from codegen.verify.budgets.program import STACK_FLAG, Depth, Program, Routine, Sizes, compile_objects, sizes_of
 from codegen.verify.budgets.workloads import START, TASK
-from codegen.verify.check import Effort, Subject
 from codegen.verify.drives import Samples, Thresholds, recorded
 from codegen.verify.on_host import software_of
+from codegen.verify.outcomes import Effort, Subject
 from codegen.verify.target import DATA, DATA_BYTES, STACK_BYTES, STACK_TOP, Blocks, Processor, compile_image
 from codegen.verify.traffic import disturbed, restarts_of
 

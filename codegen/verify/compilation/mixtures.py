@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from codegen.verify.check import Subject
+from codegen.verify.outcomes import Subject
 from codegen.verify.target import TARGET_FLAGS, source_tree, zig_result
 
 REFUSES = "different builds"

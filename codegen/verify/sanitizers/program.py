@@ -24,8 +24,8 @@ from codegen.emit.laws import LAWS
 from codegen.emit.render import render, verbatim
 from codegen.emit.text import c_type, literal, numpy_type
 from codegen.sil.software import bench_sources
-from codegen.verify.check import Subject
 from codegen.verify.drives import Samples, recordings
+from codegen.verify.outcomes import Subject
 from codegen.verify.sanitizers.sanitized import findings_of, run_sanitized
 from hil_sim.codec import Frame
 

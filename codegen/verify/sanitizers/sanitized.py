@@ -34,8 +34,8 @@ from codegen.programs import run_program
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.sil.software import RECORD_COLUMNS
 from codegen.sil.toolchain import compiler_command, compiler_identity, require_success, run
-from codegen.verify.check import Subject, stored
 from codegen.verify.drives import Samples
+from codegen.verify.outcomes import Subject, stored
 from codegen.verify.packages import MissingTool
 
 SANITIZERS = "-fsanitize=address,undefined,float-divide-by-zero,float-cast-overflow"
@@ -194,7 +194,7 @@ BATCH = 16_384
 """Steps or look-ups of one command: their answers fit the program's buffer."""
 
 SECONDS_MAX = 120.0
-"""After which a program that does not end counts as caught in a loop: ten times what it takes on a slow machine."""
+"""Time after which a program counts as caught in a loop: ten times its run time on a slow machine."""
 
 
 class Ended(CodegenError):

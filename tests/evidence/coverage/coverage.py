@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from codegen.errors import BuildError
-from codegen.verify.check import Effort, Outcome, Verdict
+from codegen.verify.outcomes import Effort, Outcome, Verdict
 from codegen.verify.packages import MissingTool, require
 from tests.evidence.progress import Progress
 from tests.sil.case import Case, committed

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from codegen.errors import BuildError
-from codegen.verify.check import Effort, Outcome, Verdict
+from codegen.verify.outcomes import Effort, Outcome, Verdict
 from tests.evidence.coverage.coverage import exercise, find_tool, run_tool
 from tests.evidence.progress import Progress
 from tests.sil.case import committed

@@ -16,7 +16,7 @@ import numpy as np
 from codegen import configuration
 from codegen.configuration import Config
 from codegen.emit.text import literal
-from codegen.verify.check import Subject
+from codegen.verify.outcomes import Subject
 
 FLOATS = 2**32
 """Inputs of a helper with a single-precision argument: every bit pattern."""

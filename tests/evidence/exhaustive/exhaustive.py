@@ -17,7 +17,7 @@ from pathlib import Path
 
 from codegen.errors import BuildError
 from codegen.sil import toolchain
-from codegen.verify.check import Effort, Outcome, Subject, Verdict
+from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict
 from codegen.verify.sanitizers.sanitized import Compiler, find_compiler
 from tests.evidence.exhaustive import claims_control, claims_frames, claims_map
 from tests.evidence.exhaustive.claim import FLOATS, TEMPLATES, Claim, Source

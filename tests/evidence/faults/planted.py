@@ -15,7 +15,7 @@ from codegen.emit.contracts.files import FOLDER
 from codegen.errors import CodegenError
 from codegen.verify import contracts
 from codegen.verify.cbmc import installed
-from codegen.verify.check import Effort, Outcome, Subject, Verdict, stored
+from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict, stored
 from codegen.verify.runner import CHECKS
 from codegen.verify.runner import run as run_checks
 from tests.evidence.progress import Progress

@@ -30,7 +30,7 @@ from codegen.sil.plant import PlantSample
 from codegen.sil.software import Software
 from codegen.units import DEGREE, KM_H
 from codegen.vehicle.tyre import AxleTyres
-from codegen.verify.check import Effort, Outcome, Verdict
+from codegen.verify.outcomes import Effort, Outcome, Verdict
 from hil_sim import manoeuvres
 from hil_sim.metrics import column
 from hil_sim.second_plant.run import drive, measured_of

@@ -24,7 +24,7 @@ from codegen.metrics.runs import SPIN_SIDESLIP
 from codegen.sil.software import Software, Status
 from codegen.sil.software import load as load_software
 from codegen.units import KM_H
-from codegen.verify.check import Effort, Outcome, Verdict
+from codegen.verify.outcomes import Effort, Outcome, Verdict
 from hil_sim import bench, manoeuvres
 from hil_sim.fault_catalogue import catalogue, run_all
 from hil_sim.faults import Fault, FaultKind

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from codegen.sil.toolchain import compiler_identity
-from codegen.verify.check import Effort, Outcome, Subject, Verdict
+from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict
 from codegen.verify.sanitizers.program import Name, harness, seeds
 from codegen.verify.sanitizers.sanitized import Compiler, compiled, environment, findings_of
 from tests.evidence.coverage.coverage import find_tool

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from codegen.verify.check import Effort, Outcome, Verdict
+from codegen.verify.outcomes import Effort, Outcome, Verdict
 from tests.evidence.progress import Progress
 from tests.hostile_files import HOSTILE
 from tests.loader_cases import MF4, Loader, damaged, fault_apart, fault_of, loaders, readers_in_process

@@ -23,7 +23,7 @@ import numpy as np
 
 from codegen import cli, configuration
 from codegen.configuration import preset_text
-from codegen.verify.check import Effort, Outcome, Verdict
+from codegen.verify.outcomes import Effort, Outcome, Verdict
 from tests.evidence.progress import Progress
 from tests.identify import made
 from tests.loader_cases import HANG_S, HangError, damaged

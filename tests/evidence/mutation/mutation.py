@@ -20,7 +20,7 @@ from typing import Self
 from codegen.configuration import Kind
 from codegen.console import progress as show_progress
 from codegen.sil.toolchain import compiler_command
-from codegen.verify.check import Effort, Outcome, Verdict
+from codegen.verify.outcomes import Effort, Outcome, Verdict
 from tests.evidence.mutation.equivalents import Equivalent, read
 from tests.evidence.mutation.judging import SURVIVED, Bench
 from tests.evidence.mutation.mutants import Key, Mutant, definitions, mutants_of

@@ -22,7 +22,7 @@ from codegen.logs.databases import Databases, load_database
 from codegen.logs.frames import Frames, Kind
 from codegen.logs.measurement import Account
 from codegen.text import text_table
-from codegen.verify.check import Effort, Outcome, Verdict
+from codegen.verify.outcomes import Effort, Outcome, Verdict
 from tests.evidence.progress import Progress
 from tests.evidence.public import counts
 

@@ -12,7 +12,7 @@ from scipy.stats import binom, binomtest
 
 from codegen.optimum.uncertain import CONFIDENCE_LEVEL, SEED, keeps, solve_uncertain, uses_of
 from codegen.vehicle.population import draw
-from codegen.verify.check import Effort, Outcome, Verdict
+from codegen.verify.outcomes import Effort, Outcome, Verdict
 from tests.evidence.progress import Progress
 from tests.optimum.cars import PAPER, changed
 from tests.optimum.populations import uncertain

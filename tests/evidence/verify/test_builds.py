@@ -10,7 +10,7 @@ from codegen import configuration
 from codegen.ecu_map.placement import Request
 from codegen.emit.folder import Folder
 from codegen.optimum.solve import solve_case
-from codegen.verify.check import Effort, Verdict
+from codegen.verify.outcomes import Effort, Verdict
 from codegen.verify.runner import CHECKS
 from tests import frame_kinds
 from tests.sil import e2e_profiles

@@ -4,9 +4,9 @@ import pytest
 
 from codegen.configuration import Kind
 from codegen.emit.text import Precision
-from codegen.verify.check import Effort, Verdict
-from codegen.verify.compilation import check as compiles
+from codegen.verify.compilation import compilers as compiles
 from codegen.verify.compilation import mixtures
+from codegen.verify.outcomes import Effort, Verdict
 from tests.verify import builds, planted
 
 

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from codegen.verify import cbmc
-from codegen.verify.check import Subject
 from codegen.verify.contracts import initialisation_harnesses, prove
 from codegen.verify.on_host import software_of
+from codegen.verify.outcomes import Subject
 from tests.emit.rendered import laid_out, rendered
 
 

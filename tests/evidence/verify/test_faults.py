@@ -6,13 +6,13 @@ from dataclasses import replace
 import pytest
 
 from codegen.verify.budgets import bounded_loops, measure
-from codegen.verify.budgets import check as budgets
+from codegen.verify.budgets import code_budgets as budgets
 from codegen.verify.budgets.measure import CYCLE, measure_step
-from codegen.verify.check import Effort, Subject, Verdict
-from codegen.verify.compilation import check as compiles
-from codegen.verify.pil import check as pil
-from codegen.verify.sanitizers import check as sanitizers
+from codegen.verify.compilation import compilers as compiles
+from codegen.verify.outcomes import Effort, Subject, Verdict
+from codegen.verify.pil import emulated_runs as pil
 from codegen.verify.sanitizers import program, sanitized
+from codegen.verify.sanitizers import sanitizer_runs as sanitizers
 from codegen.verify.target import POWERPC_BE
 from tests.verify import builds, planted
 

@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from codegen.verify.check import Subject
+from codegen.verify.outcomes import Subject
 from codegen.verify.unit_drives import Size
 from tests.evidence.verify.test_builds import BUILDS
 from tests.oracle.check import check

@@ -1,7 +1,7 @@
 """Check `memory`: Frama-C's EVA reports faults of memory in the C that compilers and CBMC accept."""
 
 from codegen.verify import memory
-from codegen.verify.check import Effort, Outcome, Subject, Verdict
+from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict
 from tests.verify import builds
 
 PI = builds.made("pi", "uneven")

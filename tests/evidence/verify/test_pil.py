@@ -6,9 +6,9 @@ from dataclasses import replace
 import pytest
 
 from codegen.verify.budgets import bounded_loops
-from codegen.verify.check import Effort, Outcome, Subject, Verdict
-from codegen.verify.pil import check as pil
-from codegen.verify.pil.check import streams
+from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict
+from codegen.verify.pil import emulated_runs as pil
+from codegen.verify.pil.emulated_runs import streams
 from codegen.verify.target import CORTEX_M4F, POWERPC_BE, Core
 from tests.verify import builds, planted
 

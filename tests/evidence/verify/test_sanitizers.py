@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import pytest
 
-from codegen.verify.check import Verdict
-from codegen.verify.sanitizers import check as sanitizers
+from codegen.verify.outcomes import Verdict
 from codegen.verify.sanitizers import program, sanitized
+from codegen.verify.sanitizers import sanitizer_runs as sanitizers
 from tests.verify import planted
 from tests.verify.test_sanitizers import PI, TRACKING, checked, few_cases  # noqa: F401
 

@@ -1,6 +1,6 @@
 """A check that reports what the runner found out about the loops of the C."""
 
-from codegen.verify.check import Effort, Outcome, Subject, Verdict
+from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict
 
 
 def check(subject: Subject, effort: Effort) -> Outcome:

@@ -1,6 +1,6 @@
 """A check that fails with many findings."""
 
-from codegen.verify.check import Outcome, Verdict
+from codegen.verify.outcomes import Outcome, Verdict
 
 
 def check(*_: object) -> Outcome:

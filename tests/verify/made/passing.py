@@ -1,6 +1,6 @@
 """A check that passes and reports its input."""
 
-from codegen.verify.check import Effort, Outcome, Subject, Verdict
+from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict
 
 
 def check(subject: Subject, effort: Effort) -> Outcome:

@@ -16,7 +16,7 @@ from codegen.configuration.budgets import KEY_OF_FUNCTION, MapShape
 from codegen.ecu_map.storage import Axis
 from codegen.errors import BuildError
 from codegen.verify.budgets.measure import CYCLE, NOT_SINGLE, ResourceUsage, measure
-from codegen.verify.check import Effort, Outcome, Subject, Verdict
+from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict
 
 SHOWS = (
     "With clang -O2 for a Cortex-M4F, the longest calls found, the stack, the memory of an instance and the flash are within "

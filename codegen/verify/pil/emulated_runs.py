@@ -15,9 +15,9 @@ from codegen.errors import BuildError
 from codegen.sil.software import Software, Status
 from codegen.sil.toolchain import compiler_command, compiler_identity
 from codegen.verify import traffic
-from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.drives import Thresholds, recorded
 from codegen.verify.on_host import MightNotReturn, compiled, require_compiler
+from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict
 from codegen.verify.packages import module, require
 from codegen.verify.pil import dynamics_bound
 from codegen.verify.pil.batches import OnHost, OnTarget, Program, Rows, dynamics_program_of, program_of, rows_of_cycles

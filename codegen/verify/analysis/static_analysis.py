@@ -13,8 +13,8 @@ from codegen.verify import on_host
 from codegen.verify.analysis import analysers
 from codegen.verify.analysis.analysers import Finding, once
 from codegen.verify.analysis.number_tables import malformed, without_tables
-from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.on_host import COMPILED_PROGRAMS, HOST_PROGRAMS
+from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict
 from codegen.verify.packages import MissingTool
 from codegen.verify.target import source_tree
 

@@ -18,8 +18,8 @@ import numpy as np
 from codegen.errors import BuildError
 from codegen.sil.software import RECORD_COLUMNS, Software, Status
 from codegen.verify import drives
-from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.drives import Thresholds
+from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict
 from codegen.verify.sanitizers import program, sanitized
 from codegen.verify.sanitizers.sanitized import Numbers, ServedEcu, compiled, find_compiler
 from hil_sim.bench import run_in_process

@@ -19,9 +19,9 @@ from codegen.emit import casadi_c
 from codegen.errors import BuildError
 from codegen.sil.toolchain import require_success, run
 from codegen.verify import on_host
-from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.compilation.mixtures import mixtures, not_refused, takes_fast_math, units_with_reals
 from codegen.verify.on_host import COMPILED_PROGRAMS, HOST_PROGRAMS
+from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict
 from codegen.verify.packages import module, require
 from codegen.verify.target import CORES, CORTEX_M4F, INCLUDES, TARGET_FLAGS, X86_64, Core, source_tree, zig
 
