@@ -60,7 +60,7 @@ class Measured:
 
 
 @dataclass(frozen=True)
-class Axis:
+class AxisPoints:
     """An AXIS_PTS: breakpoints in memory. `quantity` is the measurement that is looked up on the axis."""
 
     name: str
@@ -85,7 +85,7 @@ class Adjustable:
     low: str
     high: str
     link: str
-    axes: tuple[Axis, ...] = ()
+    axes: tuple[AxisPoints, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ class A2lView:
     enumerations: tuple[Enumeration, ...]
     real: str
     measured: tuple[Measured, ...]
-    axes: tuple[Axis, ...]
+    axes: tuple[AxisPoints, ...]
     adjustables: tuple[Adjustable, ...]
     groups: tuple[Group, ...]
 
@@ -162,8 +162,8 @@ def a2l_view(
             f"{prefix}.measurements", "measurements of the task and its controller", (), tuple(each.name for each in measured)
         ),
     )
-    objects: list[Axis | Adjustable] = [*parameters, *monitoring, *limits, *numbers, checksum]
-    axes = tuple(each for each in objects if isinstance(each, Axis))
+    objects: list[AxisPoints | Adjustable] = [*parameters, *monitoring, *limits, *numbers, checksum]
+    axes = tuple(each for each in objects if isinstance(each, AxisPoints))
     adjustables = tuple(each for each in objects if isinstance(each, Adjustable))
     scales = tuple(lists.scales(map_view))
     used = {each.conversion for each in measured} | {each.conversion for each in objects} | {each.unit for each in scales}
@@ -217,15 +217,15 @@ class _Lists:
         """Name of the COMPU_METHOD of whole numbers."""
         return f"{self.prefix}.count"
 
-    def parameters(self, parameters: Iterable[Parameter], group: str, link: str) -> list[Axis | Adjustable]:
+    def parameters(self, parameters: Iterable[Parameter], group: str, link: str) -> list[AxisPoints | Adjustable]:
         """Return the objects of a struct: increasing arrays become axes, other arrays of that size become curves over them."""
-        made, axis_of = list[Axis | Adjustable](), dict[str, Axis]()
+        made, axis_of = list[AxisPoints | Adjustable](), dict[str, AxisPoints]()
         for each in parameters:
             unit = self.count if each.is_count else self.conversion(each.unit)
             name, where, text = f"{group}.{each.name}", f"{link}.{each.name}", each.meaning
             low, high = (digits(bound, self.precision) for bound in (each.low, each.high))
             if each.increasing:
-                axis = Axis(name, text, unit, len(each.values), low, high, f"{self.prefix}.checked.speed", where)
+                axis = AxisPoints(name, text, unit, len(each.values), low, high, f"{self.prefix}.checked.speed", where)
                 axis_of[each.points] = axis
                 made.append(axis)
             elif each.points:
@@ -236,13 +236,13 @@ class _Lists:
                 made.append(Adjustable(name, text, "VALUE", record, unit, low, high, where))
         return made
 
-    def map(self, view: MapView) -> list[Axis | Adjustable]:
+    def map(self, view: MapView) -> list[AxisPoints | Adjustable]:
         """Return the axes of the map, and a MAP for each table and layer."""
         prefix = self.prefix
         tops = (digits(top, self.precision) for top in view.axis_tops)
         quantities = (f"{prefix}.checked.speed", f"{prefix}.checked.front_angle")
         axes = [
-            Axis(
+            AxisPoints(
                 name=f"{prefix}.map.{axis.name}",
                 text=axis.text,
                 conversion=self.conversion(axis.unit),

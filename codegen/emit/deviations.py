@@ -33,7 +33,7 @@ class Definition:
 
 
 @dataclass(frozen=True)
-class Unit:
+class SourceFile:
     """A source file.
 
     Attributes:
@@ -80,10 +80,10 @@ class Unit:
         return Counter(word for line in self.lines for word in _WORD.findall(line))
 
 
-def units(files: Mapping[str, bytes]) -> tuple[Unit, ...]:
+def units(files: Mapping[str, bytes]) -> tuple[SourceFile, ...]:
     """Return the ECU sources among the files of a build, sorted by path."""
     paths = sorted(path for path in files if path.startswith("src/") and path.endswith(".c"))
-    return tuple(Unit(path, files[path].decode("ascii", "replace")) for path in paths)
+    return tuple(SourceFile(path, files[path].decode("ascii", "replace")) for path in paths)
 
 
 DEVIATIONS_FILE = "deviations.md"
@@ -140,7 +140,7 @@ def excerpt(line: str) -> str:
     return text if len(text) <= CODE_MAX else f"{text[: CODE_MAX - 3]}..."
 
 
-Places = Iterator[tuple[Unit, int]]
+Places = Iterator[tuple[SourceFile, int]]
 
 
 @dataclass(frozen=True)
@@ -148,11 +148,11 @@ class Entry:
     """A deviation from a rule: a function that finds its locations in the code, and the reason."""
 
     rule: str
-    find: Callable[[tuple[Unit, ...]], Places]
+    find: Callable[[tuple[SourceFile, ...]], Places]
     reason: str
 
 
-def _names_of_several_units(sources: tuple[Unit, ...]) -> Places:
+def _names_of_several_units(sources: tuple[SourceFile, ...]) -> Places:
     """Yield static functions and objects whose name another unit also uses."""
     defined = [(unit, each) for unit in sources for each in (*unit.functions, *unit.static_objects) if each.static]
     for unit, each in defined:
@@ -160,13 +160,13 @@ def _names_of_several_units(sources: tuple[Unit, ...]) -> Places:
             yield unit, each.line
 
 
-def _objects_of_one_function(sources: tuple[Unit, ...]) -> Places:
+def _objects_of_one_function(sources: tuple[SourceFile, ...]) -> Places:
     """Yield static objects at file scope that only one function uses."""
     for unit in sources:
         yield from ((unit, each.line) for each in unit.static_objects if len(unit.users(each.name)) == 1)
 
 
-def _functions_for_callers(sources: tuple[Unit, ...]) -> Places:
+def _functions_for_callers(sources: tuple[SourceFile, ...]) -> Places:
     """Yield external functions that nothing in the build calls."""
     for unit in sources:
         for each in unit.functions:
@@ -174,7 +174,7 @@ def _functions_for_callers(sources: tuple[Unit, ...]) -> Places:
                 yield unit, each.line
 
 
-def _unions(sources: tuple[Unit, ...]) -> Places:
+def _unions(sources: tuple[SourceFile, ...]) -> Places:
     """Yield lines that declare a union or an object of its type."""
     for unit in sources:
         text = "\n".join(unit.lines)
@@ -188,7 +188,7 @@ _CONDITION = re.compile(r"if \((\w+) (<=?|>=?) ([^()|&]*(?:\(\w+\)\w+)?)\) \{$")
 _OPPOSITE = {"<": ">=", ">=": "<", ">": "<=", "<=": ">"}
 
 
-def _opposite_comparisons(sources: tuple[Unit, ...]) -> Places:
+def _opposite_comparisons(sources: tuple[SourceFile, ...]) -> Places:
     """Yield each `else if` whose condition is the opposite of an earlier one of its chain."""
     for unit in sources:
         chain: set[tuple[str, ...]] = set()

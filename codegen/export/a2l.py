@@ -13,7 +13,7 @@ from codegen.emit.folder import read_files, verify_hashes
 from codegen.emit.manifest import read_build
 from codegen.emit.text import comment_text
 from codegen.errors import BuildError
-from codegen.export.elf import Elf, Place
+from codegen.export.elf import Elf, MemoryObject
 
 _BLOCK = re.compile(
     r"^ *\/begin (?P<kind>AXIS_PTS|CHARACTERISTIC|MEASUREMENT) (?P<name>\S+) .*?^ *\/end (?P=kind)\n", re.DOTALL | re.MULTILINE
@@ -42,7 +42,7 @@ class Filled:
     """
 
     text: str
-    places: dict[str, Place]
+    places: dict[str, MemoryObject]
     left_out: tuple[str, ...]
     instance: str
     segment: tuple[int, int]
@@ -105,8 +105,8 @@ class _Blocks:
 
     def __init__(self, elf: Elf, prefix: str, real: int, instance: _Instance) -> None:
         self.elf, self.prefix, self.real, self.instance = elf, prefix, real, instance
-        self.places: dict[str, Place] = {}
-        self.calibration: list[Place] = []
+        self.places: dict[str, MemoryObject] = {}
+        self.calibration: list[MemoryObject] = []
         self.left_out: list[str] = []
 
     def filled(self, block: re.Match[str]) -> str:
@@ -139,14 +139,14 @@ class _Blocks:
             raise BuildError(f"{path} is a number of {place.size} bytes", where=self.elf.name, remedy="link it with this build")
         return self._with(text.replace(f'"{link}"', f'"{path}"'), name, place)
 
-    def _with(self, text: str, name: str, place: Place) -> str:
+    def _with(self, text: str, name: str, place: MemoryObject) -> str:
         if place.address >= 1 << 32:
             what = f"{name} lies at 0x{place.address:X}, beyond the 32 bits of an A2L"
             raise BuildError(what, where=self.elf.name, remedy="link it elsewhere, on a PC without PIE")
         self.places[name] = place
         return _ADDRESS.sub(f"0x{place.address:08X}", text)
 
-    def _check(self, text: str, name: str, place: Place) -> None:
+    def _check(self, text: str, name: str, place: MemoryObject) -> None:
         layout = next(each for each in _SIZES if re.search(rf"\b{self.prefix}_{each} 0 ", text))
         size = _SIZES[layout] or self.real
         count = 1
@@ -160,7 +160,7 @@ class _Blocks:
             )
 
 
-def _check_same_build(elf: Elf, prefix: str, identity: str) -> Place:
+def _check_same_build(elf: Elf, prefix: str, identity: str) -> MemoryObject:
     """Check that the program contains this build, and return the location of its identity."""
     place = elf.place(f"{prefix}_epk")
     if place is None:
@@ -210,7 +210,7 @@ def _moved(link: str, prefix: str, instance: _Instance) -> str | None:
     return None
 
 
-def _headed(text: str, elf: Elf, segment: tuple[int, int], epk: Place) -> str:
+def _headed(text: str, elf: Elf, segment: tuple[int, int], epk: MemoryObject) -> str:
     digest = hashlib.sha256(elf.content).hexdigest()
     address, size = segment
     byte_order = "MSB_LAST" if elf.is_little else "MSB_FIRST"

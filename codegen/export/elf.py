@@ -40,7 +40,7 @@ DEPTH_MAX = 8
 
 
 @dataclass(frozen=True)
-class Place:
+class MemoryObject:
     """An object in memory, or a part of one.
 
     Attributes:
@@ -127,7 +127,7 @@ class Elf:
         with self._reading():
             return loaded(self._file) == loaded(_parsed(self.name, other))
 
-    def place(self, path: str) -> Place | None:
+    def place(self, path: str) -> MemoryObject | None:
         """Return the place of `name.field[2]`, or of `file.c:name` if several files have the name; None if the program has
         none.
 
@@ -136,7 +136,7 @@ class Elf:
         with self._reading():
             return self._place(path)
 
-    def _place(self, path: str) -> Place | None:
+    def _place(self, path: str) -> MemoryObject | None:
         unit, _, inside = path.rpartition(":")
         steps = list(_STEP.finditer(inside))
         if not steps or "".join(step[0] for step in steps) != inside:
@@ -169,7 +169,7 @@ class Elf:
             kind = _KINDS.get(element.attributes["DW_AT_encoding"].value)
         if kind is None:
             raise BuildError(f"{path} is not a number", where=self.name, remedy="link the program with this build")
-        return Place(address, element.attributes["DW_AT_byte_size"].value, kind, math.prod(lengths))
+        return MemoryObject(address, element.attributes["DW_AT_byte_size"].value, kind, math.prod(lengths))
 
     def instances(self, type_name: str) -> list[str]:
         """Return the paths of all objects of a named type, including members of structs."""

@@ -94,7 +94,7 @@ def colour_limits(tables: Sequence[FloatArray], diverging: bool = False) -> tupl
 
 
 @dataclass(frozen=True)
-class Quantity:
+class MapQuantity:
     """One table of a map and its display.
 
     Attributes:
@@ -127,10 +127,10 @@ class Quantity:
         return colour_limits([table for one in maps if (table := self.displayed(one)) is not None], self.diverging)
 
 
-YAW_RATE = Quantity("yaw_rate", "Yaw rate r", "deg/s", "viridis", False)
-ACCELERATION = Quantity("lateral_acceleration", "Lateral acceleration a<sub>y</sub>", "m/s²", "viridis", False)
-SIDESLIP = Quantity("sideslip", "Sideslip β", "deg", "PuOr_r", True)
-REAR_STEER = Quantity("rear_angle", "Rear angle δ<sub>r</sub>", "deg", "RdBu_r", True)
+YAW_RATE = MapQuantity("yaw_rate", "Yaw rate r", "deg/s", "viridis", False)
+ACCELERATION = MapQuantity("lateral_acceleration", "Lateral acceleration a<sub>y</sub>", "m/s²", "viridis", False)
+SIDESLIP = MapQuantity("sideslip", "Sideslip β", "deg", "PuOr_r", True)
+REAR_STEER = MapQuantity("rear_angle", "Rear angle δ<sub>r</sub>", "deg", "RdBu_r", True)
 MAP_QUANTITIES = (YAW_RATE, ACCELERATION, SIDESLIP, REAR_STEER)
 """Tables of a map in pictures and in the report."""
 
@@ -185,7 +185,7 @@ def heat_map_charts(one: NamedMap) -> list[Chart]:
     return charts
 
 
-def _heat_map(one: NamedMap, quantity: Quantity, limits: tuple[float, float]) -> Chart:
+def _heat_map(one: NamedMap, quantity: MapQuantity, limits: tuple[float, float]) -> Chart:
     """Return the chart of a table, with contour lines."""
     table, title = quantity.displayed(one.map), f"{quantity.name} ({quantity.unit})"
     if table is None:

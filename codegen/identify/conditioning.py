@@ -17,7 +17,7 @@ from codegen.errors import CodegenError
 from codegen.identify.channels import Channel
 from codegen.identify.findings import CLOCK, GAP, IMPOSSIBLE, JUMP, REMARK, RESERVED, SATURATED, Finding
 from codegen.identify.names import SignalChoice
-from codegen.identify.quantities import Quantity
+from codegen.identify.quantities import LogQuantity
 from codegen.logs.measurement import Samples
 from codegen.logs.stamps import blocks, increasing
 
@@ -72,7 +72,7 @@ class Conditioned:
 
 
 def condition(
-    channel: Channel, samples: Samples, quantity: Quantity, unit: str, settings: SignalChoice, drive: str, where: object
+    channel: Channel, samples: Samples, quantity: LogQuantity, unit: str, settings: SignalChoice, drive: str, where: object
 ) -> tuple[Conditioned, list[Finding]]:
     """Check the samples of a channel.
 
@@ -147,7 +147,7 @@ def _in_order(samples: Samples) -> tuple[FloatArray, FloatArray, str]:
 
 
 def _at_limit(
-    channel: Channel, settings: SignalChoice, quantity: Quantity, raw: FloatArray, unit: str
+    channel: Channel, settings: SignalChoice, quantity: LogQuantity, raw: FloatArray, unit: str
 ) -> tuple[BoolArray, str]:
     """Return which samples are at a limit of the sensor or beyond it, and a text about them."""
     nothing = np.zeros(raw.size, dtype=bool)
@@ -234,7 +234,7 @@ def jumps(time: FloatArray, values: FloatArray, pause_max: float) -> BoolArray:
     return far
 
 
-def _check_unit(values: FloatArray, impossible: BoolArray, quantity: Quantity, unit: str, place: str) -> None:
+def _check_unit(values: FloatArray, impossible: BoolArray, quantity: LogQuantity, unit: str, place: str) -> None:
     """Raise CodegenError if so many values are impossible that the unit must be wrong."""
     if np.count_nonzero(impossible) <= WRONG_UNIT_FRACTION * values.size:
         return

@@ -22,7 +22,7 @@ from codegen.units import STANDARD_GRAVITY
 
 
 @dataclass(frozen=True)
-class Quantity:
+class LogQuantity:
     """A quantity of a drive. Signs follow ISO 8855: positive to the left.
 
     Attributes:
@@ -73,10 +73,10 @@ SIDESLIP_MAX = math.radians(60.0)
 
 _DEGREE = math.radians(1.0)
 
-LOG_QUANTITIES: Mapping[str, Quantity] = {
+LOG_QUANTITIES: Mapping[str, LogQuantity] = {
     quantity.key: quantity
     for quantity in (
-        Quantity(
+        LogQuantity(
             "vx",
             SPEED_KIND,
             "speed along the car's axis, negative in reverse",
@@ -86,7 +86,7 @@ LOG_QUANTITIES: Mapping[str, Quantity] = {
             SPEED_MAX_HIGH,
             math.inf,
         ),
-        Quantity(
+        LogQuantity(
             "yaw_rate",
             RATE_KIND,
             "yaw rate, positive to the left",
@@ -95,7 +95,7 @@ LOG_QUANTITIES: Mapping[str, Quantity] = {
             YAW_MAX_HIGH,
             0.1 * _DEGREE,
         ),
-        Quantity(
+        LogQuantity(
             "lateral_acceleration",
             ACCELERATION_KIND,
             "lateral acceleration at the centre of gravity, positive to the left",
@@ -104,7 +104,7 @@ LOG_QUANTITIES: Mapping[str, Quantity] = {
             LATERAL_MAX,
             0.05,
         ),
-        Quantity(
+        LogQuantity(
             "steering_wheel_angle",
             ANGLE_KIND,
             "angle of the steering wheel, positive to the left",
@@ -113,7 +113,7 @@ LOG_QUANTITIES: Mapping[str, Quantity] = {
             STEERING_WHEEL_MAX,
             1.0 * _DEGREE,
         ),
-        Quantity(
+        LogQuantity(
             "delta_f",
             ANGLE_KIND,
             "steer angle of the front road wheels, positive to the left",
@@ -122,7 +122,7 @@ LOG_QUANTITIES: Mapping[str, Quantity] = {
             FRONT_MAX_HIGH,
             0.1 * _DEGREE,
         ),
-        Quantity(
+        LogQuantity(
             "delta_r",
             ANGLE_KIND,
             "steer angle of the rear road wheels, positive to the left",
@@ -131,7 +131,7 @@ LOG_QUANTITIES: Mapping[str, Quantity] = {
             REAR_MAX_HIGH,
             0.1 * _DEGREE,
         ),
-        Quantity(
+        LogQuantity(
             "delta_r_command",
             ANGLE_KIND,
             "steer angle of the rear road wheels that the controller requests, positive to the left",
@@ -141,7 +141,7 @@ LOG_QUANTITIES: Mapping[str, Quantity] = {
             math.inf,
             is_held=True,
         ),
-        Quantity(
+        LogQuantity(
             "sideslip",
             ANGLE_KIND,
             "sideslip angle at the centre of gravity, positive to the left",

@@ -20,7 +20,7 @@ from codegen.identify.cross_checks import cross_check, without_frozen, without_s
 from codegen.identify.drive import Drive
 from codegen.identify.findings import NOT_USED, REMARK, Finding, merged
 from codegen.identify.names import NO_SETTINGS, Names, SignalChoice, line_of
-from codegen.identify.quantities import LOG_QUANTITIES, REQUIRED, Quantity
+from codegen.identify.quantities import LOG_QUANTITIES, REQUIRED, LogQuantity
 from codegen.importing.quantities import BRACKETED, unit_of
 from codegen.logs.account import BusLog
 from codegen.logs.databases import Databases
@@ -271,7 +271,7 @@ def _choose(
     return {key: (chosen[key], units[key]) for key in LOG_QUANTITIES if key in chosen}
 
 
-def _is_obvious(channel: Channel, quantity: Quantity) -> bool:
+def _is_obvious(channel: Channel, quantity: LogQuantity) -> bool:
     unit = channel.known_unit
     return quantity.is_named(channel.name) and (unit is None or unit in quantity.units)
 
@@ -325,7 +325,7 @@ def _not_clear(group: Sequence[str], unclear: Mapping[str, Sequence[Channel]], l
     return CodegenError(f"{what}; {offered}", where=path, remedy=f"put a line such as {line} into names.toml, for `signals=`")
 
 
-def _unit_of(channel: Channel, quantity: Quantity, names: Names, path: Path) -> str:
+def _unit_of(channel: Channel, quantity: LogQuantity, names: Names, path: Path) -> str:
     """Return the unit of a channel. Raises CodegenError if it is not known, or one of another kind."""
     choice = names.choices.get(quantity.key)
     if choice is not None and choice.unit is not None:

@@ -36,7 +36,7 @@ ROUNDS_MAX = 3
 
 
 @dataclass(frozen=True)
-class Quantity:
+class IdentifiedQuantity:
     """One quantity after the identification, SI units.
 
     Attributes:
@@ -76,7 +76,7 @@ class Identification:
     """
 
     config: Config
-    quantities: dict[str, Quantity]
+    quantities: dict[str, IdentifiedQuantity]
     names: tuple[str, ...]
     correlation: FloatArray
     directions: tuple[Direction, ...]
@@ -103,7 +103,7 @@ def identify(config: Config, drives: Sequence[Drive]) -> Identification:
     for name in ("vx", "yaw_rate"):
         if not samples.has(name):
             raise CodegenError(f"no drive has {name}", where="identify", remedy="name it in the signals")
-    found: dict[str, Quantity] = {}
+    found: dict[str, IdentifiedQuantity] = {}
     notes: list[str] = []
     directions: list[Direction] = []
 
@@ -145,7 +145,7 @@ def identify(config: Config, drives: Sequence[Drive]) -> Identification:
 
 
 def judge(
-    fitted: Fit, judged: Identifiability, centre: dict[str, float], samples: DriveSamples, found: dict[str, Quantity]
+    fitted: Fit, judged: Identifiability, centre: dict[str, float], samples: DriveSamples, found: dict[str, IdentifiedQuantity]
 ) -> None:
     """Add the quantities of a fit that are not found yet."""
     names, deviations = fitted.problem.prior.names, fitted.standard_deviations
@@ -166,7 +166,7 @@ def judge(
         note = "" if name in determined else _missing(parameter, samples)
         if name in peaks.keys() - kept and f"{name.partition('_')[0]}_stiffness" in kept & (determined | weak):
             note = f"as configured, with an assumed deviation; drive: {parameter.manoeuvre}"
-            found[name] = Quantity(parameter, centre[name], float(deviations[index]), centre[name], False, note)
+            found[name] = IdentifiedQuantity(parameter, centre[name], float(deviations[index]), centre[name], False, note)
             continue
         if name in peaks.keys() & kept - determined:
             note = f"not determined alone, but as a part of its curve; alone: {parameter.manoeuvre}"
@@ -181,11 +181,11 @@ def judge(
 
 def _quantity(
     parameter: Parameter, value: float, deviation: float, centre: dict[str, float], is_identified: bool, note: str
-) -> Quantity:
+) -> IdentifiedQuantity:
     before = centre[parameter.name]
     if not is_identified:
-        return Quantity(parameter, before, math.nan, before, False, note)
-    return Quantity(parameter, float(value), float(deviation), before, True, note)
+        return IdentifiedQuantity(parameter, before, math.nan, before, False, note)
+    return IdentifiedQuantity(parameter, float(value), float(deviation), before, True, note)
 
 
 def _missing(parameter: Parameter, samples: DriveSamples) -> str:
@@ -200,7 +200,11 @@ def _missing(parameter: Parameter, samples: DriveSamples) -> str:
 
 
 def _fit_actuator(
-    samples: DriveSamples, config: Config, centre: dict[str, float], found: dict[str, Quantity], directions: list[Direction]
+    samples: DriveSamples,
+    config: Config,
+    centre: dict[str, float],
+    found: dict[str, IdentifiedQuantity],
+    directions: list[Direction],
 ) -> Fit | None:
     """Return the fit of the actuator; None without its signals."""
     problem = actuator_problem(samples, config, centre)
@@ -244,7 +248,7 @@ def rear_angle(samples: DriveSamples, config: Config, values: dict[str, float]) 
     return np.where(np.isfinite(command), result, math.nan)
 
 
-def _fit_ratio(samples: DriveSamples, centre: dict[str, float], found: dict[str, Quantity]) -> None:
+def _fit_ratio(samples: DriveSamples, centre: dict[str, float], found: dict[str, IdentifiedQuantity]) -> None:
     """Fit the steering ratio where the angles of steering wheel and front wheels were measured together."""
     wheel, front = samples.signal("steering_wheel_angle"), samples.signal("delta_f")
     both = np.isfinite(wheel) & np.isfinite(front)
@@ -269,7 +273,7 @@ def _fit_ratio(samples: DriveSamples, centre: dict[str, float], found: dict[str,
 
 
 def _fit_vehicle(
-    samples: DriveSamples, config: Config, centre: dict[str, float], rear: FloatArray, found: dict[str, Quantity]
+    samples: DriveSamples, config: Config, centre: dict[str, float], rear: FloatArray, found: dict[str, IdentifiedQuantity]
 ) -> tuple[Fit, Identifiability]:
     """Return the fit, and what is determined.
 
@@ -337,7 +341,7 @@ def _same(first: Problem, second: Problem) -> bool:
     return first.substeps <= second.substeps and bool((first.constants == second.constants).all())
 
 
-def correlation_of(found: dict[str, Quantity], fits: Sequence[Fit]) -> tuple[tuple[str, ...], FloatArray]:
+def correlation_of(found: dict[str, IdentifiedQuantity], fits: Sequence[Fit]) -> tuple[tuple[str, ...], FloatArray]:
     """Return names and correlation of the uncertain quantities; zero between quantities of different fits."""
     names = tuple(parameter.name for parameter in PARAMETERS if found[parameter.name].is_uncertain)
     result = np.eye(len(names))

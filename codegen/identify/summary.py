@@ -11,7 +11,7 @@ from codegen.identify.outcome import Outcome
 from codegen.identify.parameters import Parameter
 from codegen.identify.reading import Reading
 from codegen.identify.result import understeer_gradient
-from codegen.identify.run import Identification, Quantity
+from codegen.identify.run import Identification, IdentifiedQuantity
 from codegen.identify.validation import Validation
 from codegen.units import DEGREE, KM_H
 
@@ -69,7 +69,7 @@ def finding_rows(reading: Reading) -> list[tuple[str, ...]]:
     ]
 
 
-def quantity_row(quantity: Quantity) -> tuple[str, ...]:
+def quantity_row(quantity: IdentifiedQuantity) -> tuple[str, ...]:
     """Return a row of QUANTITY_HEADER."""
     parameter = quantity.parameter
     interval = _shown(CONFIDENCE_FACTOR * quantity.standard_deviation, parameter, 2) if quantity.is_uncertain else "-"

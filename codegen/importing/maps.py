@@ -21,7 +21,7 @@ from codegen.errors import CodegenError, one_line
 from codegen.importing import child, quantities
 from codegen.importing.quantities import LOGICAL_KIND, MAP_CHANNELS, UNIT_FACTORS
 from codegen.importing.source import MIB, TABLE_BYTES_MAX, ImportFault, Source, read
-from codegen.importing.table import Axis, RawMap, read_table
+from codegen.importing.table import AxisName, RawMap, read_table
 from codegen.limits import Limits
 from codegen.map_file.map import SCHEMA_VERSION, ReferenceMap, from_arrays
 from codegen.map_file.tables import TABLE_UNITS
@@ -83,7 +83,7 @@ class Choices:
 
     names: Mapping[str, str]
     units: str | None = None
-    rows: Axis | None = None
+    rows: AxisName | None = None
 
 
 @dataclass(frozen=True)
@@ -253,7 +253,7 @@ def _vector(array: npt.NDArray[Any], place: str) -> npt.NDArray[Any]:
     return array.ravel()
 
 
-def _is_transposed(found: tuple[int, ...], wanted: tuple[int, int], rows: Axis | None, place: str) -> bool:
+def _is_transposed(found: tuple[int, ...], wanted: tuple[int, int], rows: AxisName | None, place: str) -> bool:
     """Return whether a table of shape `found` has delta_f down its rows; `wanted` is (n, m)."""
     transposed = rows == "delta_f" or (rows is None and found != wanted and found == wanted[::-1])
     needed = wanted[::-1] if transposed else wanted

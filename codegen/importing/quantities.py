@@ -76,7 +76,7 @@ KIND_OF = {unit: kind for kind, factors in UNIT_FACTORS.items() for unit in fact
 
 
 @dataclass(frozen=True)
-class Quantity:
+class MapChannel:
     """One array of the map: its key in the file, its kind, its common names."""
 
     key: str
@@ -98,7 +98,7 @@ _NAMES = {
     ("feasible", LOGICAL_KIND, False): "feasible valid",
 }
 MAP_CHANNELS = {
-    key: Quantity(key, kind, tuple(names.split()), is_required) for (key, kind, is_required), names in _NAMES.items()
+    key: MapChannel(key, kind, tuple(names.split()), is_required) for (key, kind, is_required), names in _NAMES.items()
 }
 BRACKETED = re.compile(r"\s*[\[({]\s*([^\])}]*?)\s*[\])}]\s*\Z")
 
@@ -171,7 +171,7 @@ def _unit_at_end(stem: str) -> tuple[str, str | None]:
     return stem, None
 
 
-def quantity_named(name: Name) -> Quantity | None:
+def quantity_named(name: Name) -> MapChannel | None:
     """Return the quantity that a name denotes by itself."""
     return next((quantity for quantity in MAP_CHANNELS.values() if name.base in quantity.names), None)
 
@@ -217,7 +217,7 @@ def choose(available: Iterable[str], wanted: Mapping[str, str], where: object, u
     return chosen
 
 
-def _by_name(text: str, names: list[Name], quantity: Quantity, where: object, unread: str) -> Name:
+def _by_name(text: str, names: list[Name], quantity: MapChannel, where: object, unread: str) -> Name:
     exact = [name for name in names if name.text == text]
     loose = [name for name in names if name.text.lower() == text.lower() or take_apart(text).base == name.base]
     found = exact or loose

@@ -250,7 +250,7 @@ def _commented_head(comments: list[tuple[int, str]], first: Line, separator: str
     return head if named else None
 
 
-Axis = Literal["vx", "delta_f"]
+AxisName = Literal["vx", "delta_f"]
 
 CORNER_SEPARATORS = re.compile(r"\s*[\\|:]\s*")
 
@@ -272,7 +272,7 @@ class RawMap:
     assumes_rows: bool = False
 
 
-def read_table(source: Source, wanted: Mapping[str, str], rows: Axis | None) -> RawMap:
+def read_table(source: Source, wanted: Mapping[str, str], rows: AxisName | None) -> RawMap:
     """Read a text table of either form.
 
     Args:
@@ -361,7 +361,7 @@ def _grid(speed: list[float], front: list[float], lines: tuple[Line, ...], sourc
 # --- matrix form ---------------------------------------------------------------------------------------------------------
 
 
-def _matrix(cells: Cells, top: Line, body: tuple[Line, ...], rows: Axis | None, source: Source) -> RawMap:
+def _matrix(cells: Cells, top: Line, body: tuple[Line, ...], rows: AxisName | None, source: Source) -> RawMap:
     place = f"{source.path}, line {top.number}"
     columns = range(1, len(top.cells))
     if len(top.cells) < 3 or not all(cells.is_number(top.cells[column]) for column in columns):
@@ -375,7 +375,7 @@ def _matrix(cells: Cells, top: Line, body: tuple[Line, ...], rows: Axis | None, 
     if rows is not None and found is not None and rows != found:
         raise ImportFault(f"the corner says that the rows are {found}", where=place, remedy="leave `rows=` out")
     down = rows or found or "vx"
-    across: Axis = "delta_f" if down == "vx" else "vx"
+    across: AxisName = "delta_f" if down == "vx" else "vx"
     axes = {
         across: np.array([_axis_value(cells, top, column, across, source) for column in columns]),
         down: np.array([_axis_value(cells, line, 0, down, source) for line in body]),
@@ -398,7 +398,7 @@ def _axis_value(cells: Cells, line: Line, column: int, key: str, source: Source)
     return value
 
 
-def _corner(text: str, place: str) -> tuple[dict[str, Name], Axis | None]:
+def _corner(text: str, place: str) -> tuple[dict[str, Name], AxisName | None]:
     r"""Return names and units in the corner, "vx [km/h] \ delta_f [deg] : yaw_rate [deg/s]", and the axis that it puts down."""
     names: dict[str, Name] = {}
     for part in filter(None, CORNER_SEPARATORS.split(text)):
@@ -417,5 +417,5 @@ def _corner(text: str, place: str) -> tuple[dict[str, Name], Axis | None]:
         if key in names:
             raise ImportFault(f"the corner names {key} twice", where=place, remedy="name each once")
         names[key] = name
-    order: list[Axis] = [key for key in names if key in ("vx", "delta_f")]  # type: ignore[misc]
+    order: list[AxisName] = [key for key in names if key in ("vx", "delta_f")]  # type: ignore[misc]
     return names, order[0] if len(order) == 2 else None

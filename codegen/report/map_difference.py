@@ -39,7 +39,7 @@ POINT_HEADER = ("operating point", "r, first", "r, second", "difference", "rear,
 
 
 @dataclass(frozen=True)
-class Place:
+class OperatingPoint:
     """An operating point."""
 
     speed_km_h: float
@@ -54,7 +54,7 @@ class AxleSlip:
     """Slip of an axle on the plant, in percent of its bound: the largest, its place, and the number of cells above it."""
 
     largest_percent: float
-    at: Place
+    at: OperatingPoint
     cells_above: int
 
 
@@ -83,7 +83,7 @@ class Side:
 class Point:
     """Both maps at one operating point; None where a map has no value."""
 
-    at: Place
+    at: OperatingPoint
     first_yaw_rate_deg_s: float | None
     second_yaw_rate_deg_s: float | None
     first_rear_angle_deg: float | None
@@ -107,7 +107,7 @@ class MapDifference:
     only_second: int
     outside: int
     largest_deg_s: float
-    largest_at: Place
+    largest_at: OperatingPoint
     rms_deg_s: float
     mean_deg_s: float
     points: tuple[Point, ...]
@@ -226,8 +226,8 @@ def _span(one: ReferenceMap) -> str:
     return f"{low[0]:.4g} to {low[1]:.4g} km/h and {high[0]:.4g} to {high[1]:.4g} deg"
 
 
-def _place(one: ReferenceMap, cell: Sequence[Any]) -> Place:
-    return Place(float(one.speed[cell[0]] / KM_H), float(np.degrees(one.front_angle[cell[1]])))
+def _place(one: ReferenceMap, cell: Sequence[Any]) -> OperatingPoint:
+    return OperatingPoint(float(one.speed[cell[0]] / KM_H), float(np.degrees(one.front_angle[cell[1]])))
 
 
 def _side(one: ReferenceMap, used: SlipUse | None) -> Side:
@@ -267,7 +267,7 @@ def _points(one: ReferenceMap, other: ReferenceMap) -> Iterator[Point]:
         for j, front_angle_deg in enumerate(POINT_FRONT_ANGLES_DEG):
             values = [None if table is None or np.isnan(table[i, j]) else float(table[i, j]) for table in tables]
             if values[0] is not None or values[1] is not None:
-                yield Point(Place(speed_km_h, front_angle_deg), *values)
+                yield Point(OperatingPoint(speed_km_h, front_angle_deg), *values)
 
 
 # --- on other axes -----------------------------------------------------------------------------------------------------

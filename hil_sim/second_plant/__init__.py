@@ -6,6 +6,6 @@ The model is the multi-body car (29 states) of PyPI's `commonroad-vehicle-models
 """
 
 from hil_sim.second_plant.plant import MultiBodyPlant, car_of, published
-from hil_sim.second_plant.run import Cell, cells, run
+from hil_sim.second_plant.run import StepCell, cells, run
 
-__all__ = ["Cell", "MultiBodyPlant", "car_of", "cells", "published", "run"]
+__all__ = ["MultiBodyPlant", "StepCell", "car_of", "cells", "published", "run"]

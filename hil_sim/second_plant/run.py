@@ -31,7 +31,7 @@ STEER_TIME, DURATION = 0.5, 4.0
 
 
 @dataclass(frozen=True)
-class Cell:
+class StepCell:
     """A step steer: speed in km/h, share of the largest feasible front angle, and that front angle in rad."""
 
     speed_km_h: float
@@ -72,10 +72,10 @@ def largest_front_angle(reference_map: ReferenceMap, speed: float) -> float:
     return float(np.interp(speed, reference_map.speed, angles))
 
 
-def cells(reference_map: ReferenceMap) -> tuple[Cell, ...]:
+def cells(reference_map: ReferenceMap) -> tuple[StepCell, ...]:
     """Return the nine cells of a map: SPEEDS_KM_H by SHARES. Raises CodegenError if the map does not reach the speeds."""
     return tuple(
-        Cell(speed, share, share * largest_front_angle(reference_map, speed * KM_H))
+        StepCell(speed, share, share * largest_front_angle(reference_map, speed * KM_H))
         for speed in SPEEDS_KM_H
         for share in SHARES
     )

@@ -16,7 +16,7 @@ from codegen.emit.text import Precision
 from codegen.errors import BuildError
 from codegen.export import elf as elf_module
 from codegen.export.a2l import Filled, fill
-from codegen.export.elf import Elf, Place
+from codegen.export.elf import Elf, MemoryObject
 from codegen.map_file import map as refmap
 from codegen.sil.toolchain import compiler_command
 from tests import builds
@@ -312,7 +312,7 @@ def test_types_in_units_of_their_own(tmp_path: Path, flags: tuple[str, ...]) -> 
     assert elf.instances("task_t") == ["ecu.task", "inside"] and elf.instances("law_t") == laws
     assert elf.instances("float") == []
     first, last = elf.place("ecu.task.first"), elf.place("ecu.task.law[2].integral")
-    assert first is not None and last == Place(first.address + 12, 4, "float", 1)
+    assert first is not None and last == MemoryObject(first.address + 12, 4, "float", 1)
 
 
 def test_a_frozen_calibration_is_still_the_same_build(tracking: Linked) -> None:

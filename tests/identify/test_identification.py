@@ -19,7 +19,7 @@ from codegen.identify.identifiability import Direction, Identifiability, analyse
 from codegen.identify.parameters import BY_NAME, CURVE_PARAMETERS, configured
 from codegen.identify.reached import reached
 from codegen.identify.result import grip_reached, identified_keys, identified_toml, understeer_gradient
-from codegen.identify.run import Identification, Quantity, identify, judge
+from codegen.identify.run import Identification, IdentifiedQuantity, identify, judge
 from codegen.identify.validation import validate, whiteness
 from codegen.map_file.map import choose_config
 from codegen.optimum.solve import solve_case
@@ -202,10 +202,10 @@ def doubtful(name: str, share: float) -> tuple[Fit, Identifiability]:
     return fitted, analyse(fitted.problem.prior.parameters, fitted.free, covariance, fitted.information)
 
 
-def judged(name: str, share: float) -> dict[str, Quantity]:
+def judged(name: str, share: float) -> dict[str, IdentifiedQuantity]:
     """Return the quantities of `doubtful`."""
     fitted, result = doubtful(name, share)
-    found: dict[str, Quantity] = {}
+    found: dict[str, IdentifiedQuantity] = {}
     judge(fitted, result, configured(identified().config), fitted.problem.samples, found)
     return found
 

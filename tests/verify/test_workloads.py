@@ -8,7 +8,7 @@ import pytest
 from codegen.emit.can_view import task_view
 from codegen.sil.software import Command, Status
 from codegen.verify.budgets.measure import Counter
-from codegen.verify.budgets.workloads import COLUMNS, START, TASK, cycles_of, events_of, histories, steps_of
+from codegen.verify.budgets.workloads import DRIVE_COLUMNS, START, TASK, cycles_of, events_of, histories, steps_of
 from codegen.verify.drives import Thresholds, drawn, measurements_of
 from hil_sim.e2e import E2eStatus, Receiver
 from tests.verify import builds, planted
@@ -26,7 +26,7 @@ def counter() -> Counter:
 @functools.cache
 def driven(index: int) -> list[Command]:
     """Return the commands of the controller in a directed drive."""
-    return builds.compiled("pi").controller().run(measurements_of(HISTORIES[index][:, : len(COLUMNS)]))
+    return builds.compiled("pi").controller().run(measurements_of(HISTORIES[index][:, : len(DRIVE_COLUMNS)]))
 
 
 def test_directed_drives_reach_their_states() -> None:

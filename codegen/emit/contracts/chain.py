@@ -7,24 +7,24 @@ from dataclasses import replace
 from typing import Any
 
 from codegen.emit.contracts.conditions import SIGNALS_CHECKED, Conditions
-from codegen.emit.contracts.contract import Argument, Claim, Unit
+from codegen.emit.contracts.contract import Argument, Claim, ProvedFunction
 from codegen.emit.laws import REAR_ANGLE_MAX_RAD
 
 
 class ChainUnits(Conditions):
     """Contracts of limiter and inputs."""
 
-    def units(self) -> Iterator[Unit]:
+    def units(self) -> Iterator[ProvedFunction]:
         """Yield the contracts."""
         yield from self._limiter_units()
         yield from self._inputs_units()
 
-    def _limiter_units(self) -> Iterator[Unit]:
+    def _limiter_units(self) -> Iterator[ProvedFunction]:
         own, unit, zero, one = self.own, self.own("limiter"), self.number(0.0), self.number(1.0)
         yield self.validity("limiter", "limiter_parameters_t")
         state = self.argument("self", "limiter_t", "new")
         started = f"self->rear_angle == ({self.within('rear_angle', one)} ? rear_angle : {zero})"
-        yield Unit(
+        yield ProvedFunction(
             own("limiter_init"),
             unit,
             (state, self.scalar("rear_angle")),
@@ -46,7 +46,9 @@ class ChainUnits(Conditions):
             "}",
             f"lemma_interpolation(opposite_phase_bound(&parameters, {speed}), {largest}, ({ratio} < {one}) ? {ratio} : {one});",
         )
-        step = Unit(own("limiter_step"), unit, arguments, self.real, ensures=tuple(self._limited()), facts=facts, includes=True)
+        step = ProvedFunction(
+            own("limiter_step"), unit, arguments, self.real, ensures=tuple(self._limited()), facts=facts, includes=True
+        )
         *bounds, passes = self._bounded_over_speed()
         bound = f"lies_between(opposite_phase_bound(&parameters, {speed}), {zero}, {largest} + {one})"
         bounds.append(Claim("the bound is not negative, and close to rear_angle_max at most", bound))
@@ -55,7 +57,7 @@ class ChainUnits(Conditions):
         yield replace(step, facts=(), more=(passes,), part="_demand", **alone)
         yield self._mirrored(step)
 
-    def _mirrored(self, step: Unit) -> Unit:
+    def _mirrored(self, step: ProvedFunction) -> ProvedFunction:
         """Return the harness that a limiter with all angles mirrored gives the mirrored result."""
         signs = {"mirrored": ("self", "rear_angle", "front_angle"), "other": ("input", "demand", "front_angle")}
         odd = ((copy, original, name) for copy, (original, *names) in signs.items() for name in names)
@@ -120,11 +122,11 @@ class ChainUnits(Conditions):
         yield Claim(f"from the left, it {words}", f"{known} || ({demand} != {demand}) || {falls}")
         yield Claim(f"from the right, it {words}", f"{known} || ({demand} != {demand}) || {rises}")
 
-    def _inputs_units(self) -> Iterator[Unit]:
+    def _inputs_units(self) -> Iterator[ProvedFunction]:
         unit = self.own("inputs")
         yield self.validity("inputs", "inputs_parameters_t")
         trusted = Argument("is_trusted", "bool")
-        yield Unit(self.own("inputs_init"), unit, (self.argument("self", "inputs_t", "new"), trusted))
+        yield ProvedFunction(self.own("inputs_init"), unit, (self.argument("self", "inputs_t", "new"), trusted))
         arguments = (
             self.argument("self", "inputs_t", "state"),
             self.argument("parameters", "inputs_parameters_t", "parameter"),
@@ -138,7 +140,9 @@ class ChainUnits(Conditions):
             Claim("rear_angle is within its range", self.within("rear_angle", REAR_ANGLE_MAX_RAD)),
         )
         ensures = (*self.checked_sample("checked->"), *self._judged(), *self._signals_counted())
-        yield Unit(self.own("inputs_step"), unit, arguments, self.own("quality_t"), requires=requires, ensures=ensures)
+        yield ProvedFunction(
+            self.own("inputs_step"), unit, arguments, self.own("quality_t"), requires=requires, ensures=ensures
+        )
 
     def _judged(self) -> Iterator[Claim]:
         """Quality of the sample, by the sources of its signals."""

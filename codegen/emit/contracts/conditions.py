@@ -8,7 +8,7 @@ from typing import Any
 from codegen.configuration.can import RealSignal
 from codegen.emit.can_view import CanView, Frame, TaskView
 from codegen.emit.constants import Constant
-from codegen.emit.contracts.contract import Argument, Bound, Claim, Role, Unit
+from codegen.emit.contracts.contract import Argument, Bound, Claim, ProvedFunction, Role
 from codegen.emit.controller_view import ControllerView
 from codegen.emit.dynamics_view import ReferenceModelView
 from codegen.emit.inputs_view import FRICTION_UNKNOWN, InputsView
@@ -97,13 +97,13 @@ class Conditions:
         """Return the largest change in a sample at a rate."""
         return f"({rate} * {self.number(self.controller.sampling_time)})"
 
-    def validity(self, unit: str, parameters: str, *more_claims: Claim, **more: Any) -> Unit:
+    def validity(self, unit: str, parameters: str, *more_claims: Claim, **more: Any) -> ProvedFunction:
         """Return the contract of a function that checks parameters."""
         holds = f"!result || {self.own(parameters.removesuffix('_t'))}_holds(parameters)"
         argument = self.argument("parameters", parameters, "in")
         claims = (Claim("valid parameters are in range", holds), *more_claims)
         function = self.own(f"{parameters.removesuffix('_t')}_valid")
-        return Unit(function, self.own(unit), (argument,), "bool", ensures=claims, **more)
+        return ProvedFunction(function, self.own(unit), (argument,), "bool", ensures=claims, **more)
 
     # Claims
 

@@ -122,7 +122,7 @@ class Lemma:
 
 
 @dataclass(frozen=True)
-class Unit:
+class ProvedFunction:
     """A function with its contract, and how it is proved.
 
     Attributes:

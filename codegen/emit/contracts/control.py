@@ -7,7 +7,7 @@ from typing import Any
 
 from codegen.configuration.signals import STATUSES
 from codegen.emit.contracts.conditions import LATERAL_ACCELERATION_MAX_M_S2, REFERENCE_MAX_RAD_S, Conditions
-from codegen.emit.contracts.contract import Argument, Claim, Unit
+from codegen.emit.contracts.contract import Argument, Claim, ProvedFunction
 from codegen.emit.inputs_view import FRICTION_UNKNOWN
 from codegen.emit.laws import REAR_ANGLE_MAX_RAD, YAW_RATE_ERROR_MAX_RAD_S
 
@@ -15,7 +15,7 @@ from codegen.emit.laws import REAR_ANGLE_MAX_RAD, YAW_RATE_ERROR_MAX_RAD_S
 class ControlUnits(Conditions):
     """Contracts of reference model, grip, law and controller."""
 
-    def units(self) -> Iterator[Unit]:
+    def units(self) -> Iterator[ProvedFunction]:
         """Yield the contracts."""
         if self.model:
             yield from self._model_units()
@@ -23,31 +23,33 @@ class ControlUnits(Conditions):
         yield from self._law_units()
         yield from self._controller_units()
 
-    def _model_units(self) -> Iterator[Unit]:
+    def _model_units(self) -> Iterator[ProvedFunction]:
         unit = self.own("reference_model")
         numbers = tuple(self.scalar(name) for name in ("speed", "yaw_rate", "rear_angle"))
-        yield Unit(self.own("reference_model_start"), unit, (self.argument("self", "reference_model_t", "new"), *numbers))
+        yield ProvedFunction(
+            self.own("reference_model_start"), unit, (self.argument("self", "reference_model_t", "new"), *numbers)
+        )
         arguments = (
             self.argument("self", "reference_model_t", "state"),
             self.argument("input", "reference_model_input_t", "in"),
         )
-        yield Unit(self.own("reference_model_step"), unit, arguments)
+        yield ProvedFunction(self.own("reference_model_step"), unit, arguments)
 
-    def _grip_units(self) -> Iterator[Unit]:
+    def _grip_units(self) -> Iterator[ProvedFunction]:
         unit, parameters = self.own("grip"), self.argument("parameters", "parameters_t", "parameter")
         new, state, read = (self.argument("self", "grip_t", role) for role in ("new", "state", "parameter"))
         # The constants of the vehicle are no calibration: the proof takes their values.
         more: dict[str, Any] = {"linked": (self.own("calibration"),)}
-        yield Unit(self.own("grip_init"), unit, (new,), **more)
+        yield ProvedFunction(self.own("grip_init"), unit, (new,), **more)
         known = f"(result > {self.number(0.0)}) && (result <= {self.number(FRICTION_UNKNOWN)})"
         positive = Claim("the friction is positive and in range", known)
         arguments: tuple[Argument, ...] = (read, parameters, self.scalar("estimate"))
-        yield Unit(self.own("grip_friction"), unit, arguments, self.real, ensures=(positive,), **more)
+        yield ProvedFunction(self.own("grip_friction"), unit, arguments, self.real, ensures=(positive,), **more)
         accelerations = ("model_acceleration", "acceleration")
         arguments = (state, parameters, *(self.scalar(name) for name in accelerations))
         requires = tuple(self._acceleration(name) for name in accelerations)
-        yield Unit(self.own("grip_update"), unit, arguments, requires=requires, **more)
-        yield Unit(self.own("grip_recover"), unit, (state, parameters), **more)
+        yield ProvedFunction(self.own("grip_update"), unit, arguments, requires=requires, **more)
+        yield ProvedFunction(self.own("grip_recover"), unit, (state, parameters), **more)
 
     def _ranges(self, sample: str, names: Iterable[str]) -> Iterator[Claim]:
         for name in names:
@@ -56,12 +58,12 @@ class ControlUnits(Conditions):
     def _acceleration(self, name: str) -> Claim:
         return Claim(f"{name.split('->')[-1]} is in range", self.within(name, LATERAL_ACCELERATION_MAX_M_S2))
 
-    def _law_units(self) -> Iterator[Unit]:
+    def _law_units(self) -> Iterator[ProvedFunction]:
         own, unit = self.own, self.own("law")
         start, step = ((own("reference_model_start"),), (own("reference_model_step"),)) if self.model else ((), ())
         angle = Claim("rear_angle is in range", self.within("rear_angle", REAR_ANGLE_MAX_RAD))
         arguments: tuple[Argument, ...] = (self.argument("self", "law_t", "new"), self.scalar("rear_angle"))
-        yield Unit(own("law_init"), unit, arguments, requires=(angle,))
+        yield ProvedFunction(own("law_init"), unit, arguments, requires=(angle,))
         arguments = (
             self.argument("self", "law_t", "state"),
             self.argument("parameters", "parameters_t", "parameter"),
@@ -86,12 +88,12 @@ class ControlUnits(Conditions):
         lookup = own("map_reference" if self.map.with_rear_angle else "map_yaw_rate_on_road")
         callees = (lookup, *start, *step)
         output, linked = own("law_output_t"), (own("calibration"),) if self.model else ()
-        yield Unit(own("law_step"), unit, arguments, output, True, requires, ensures, callees=callees, linked=linked)
+        yield ProvedFunction(own("law_step"), unit, arguments, output, True, requires, ensures, callees=callees, linked=linked)
         if self.model:
             law, _, sample, _, friction, last, _ = arguments
-            yield Unit(own("law_rest"), unit, (law, sample, friction, last), callees=step)
+            yield ProvedFunction(own("law_rest"), unit, (law, sample, friction, last), callees=step)
 
-    def _controller_units(self) -> Iterator[Unit]:
+    def _controller_units(self) -> Iterator[ProvedFunction]:
         own, unit = self.own, self.own("controller")
         judges = ("inputs_parameters_valid", "limiter_parameters_valid", "map_valid")
         valid_map = self.map_holds() if self.has_plain_map else ()
@@ -105,9 +107,9 @@ class ControlUnits(Conditions):
             Claim("|rear_angle| is at most the actuator's largest angle", bound),
             Claim("it starts from the given angle", f"self->rear_angle == {self.held_by_actuator('rear_angle')}"),
         )
-        yield Unit(own("controller_init"), unit, arguments, ensures=started, callees=init)
+        yield ProvedFunction(own("controller_init"), unit, arguments, ensures=started, callees=init)
         runs = Claim("it neither starts nor ends control", "self->enabled == self_before->enabled")
-        yield Unit(own("controller_place"), unit, placed, ensures=(*started, runs), callees=(own("limiter_init"),))
+        yield ProvedFunction(own("controller_place"), unit, placed, ensures=(*started, runs), callees=(own("limiter_init"),))
         arguments = (
             self.argument("self", "controller_t", "state"),
             self.argument("parameters", "parameters_t", "parameter"),
@@ -120,11 +122,11 @@ class ControlUnits(Conditions):
         command, ensures = own("command_t"), tuple(self._commanded())
         sound: dict[str, Any] = {"includes": True, "stand_in": "is_sound_of_lemma", "replaced": ("is_sound",)}
         sound["more"] = tuple(self._behaved())
-        yield Unit(
+        yield ProvedFunction(
             own("controller_step"), unit, arguments, command, True, (inhibit,), ensures, callees=(*init, *steps), **sound
         )
 
-    def _stand_by(self, arguments: tuple[Argument, ...], callees: tuple[str, ...]) -> Unit:
+    def _stand_by(self, arguments: tuple[Argument, ...], callees: tuple[str, ...]) -> ProvedFunction:
         angle, before = "result->rear_angle", "self_before->rear_angle"
         ensures = (
             *self.moved(angle, before, "parameters->limiter."),
@@ -133,7 +135,9 @@ class ControlUnits(Conditions):
             self._kept(angle),
         )
         own, command = self.own, self.own("command_t")
-        return Unit(own("controller_stand_by"), own("controller"), arguments, command, True, (), ensures, callees=callees)
+        return ProvedFunction(
+            own("controller_stand_by"), own("controller"), arguments, command, True, (), ensures, callees=callees
+        )
 
     def _kept(self, angle: str) -> Claim:
         kept = f"({angle} == self->rear_angle) && (result->status == self->status)"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-from codegen.emit.contracts.contract import Unit
+from codegen.emit.contracts.contract import ProvedFunction
 from codegen.emit.contracts.units import contracts_of
 from codegen.emit.render import render
 
@@ -51,7 +51,7 @@ def command_of(
     return f"{before}cbmc {given} --function {entry} --unwind {unwind} {' '.join((*checks, SOLVER))}"
 
 
-def _files_of(unit: Unit) -> Iterator[str]:
+def _files_of(unit: ProvedFunction) -> Iterator[str]:
     """Yield the files of a proof beside its harness."""
     yield from (f"src/{each}.c" for each in unit.linked)
     if not unit.includes:
@@ -59,7 +59,7 @@ def _files_of(unit: Unit) -> Iterator[str]:
     yield from (f"{FOLDER}/assume_{each}.c" for each in unit.callees)
 
 
-def _checks_of(unit: Unit) -> Iterator[str]:
+def _checks_of(unit: ProvedFunction) -> Iterator[str]:
     """Yield the options of a proof beside those of the solver."""
     if unit.options:
         yield unit.options
@@ -94,7 +94,7 @@ def contract_files(context: Mapping[str, Any]) -> dict[str, bytes]:
     return files
 
 
-def _ensured(unit: Unit, in_harness: bool) -> list[str]:
+def _ensured(unit: ProvedFunction, in_harness: bool) -> list[str]:
     """Arguments of the postcondition, in a harness or in a stand-in."""
     given = [each.passed if in_harness else each.name for each in unit.arguments]
     result = [f"{'&' if unit.result_is_struct else ''}result"] if unit.result else []

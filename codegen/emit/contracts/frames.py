@@ -10,7 +10,7 @@ from codegen.configuration.can import RealSignal
 from codegen.configuration.signals import Status
 from codegen.emit.can_view import Frame
 from codegen.emit.contracts.conditions import Conditions
-from codegen.emit.contracts.contract import Argument, Claim, Unit
+from codegen.emit.contracts.contract import Argument, Claim, ProvedFunction
 from codegen.emit.supervision import STATES, Cause, Reaction, State, next_state
 
 _ANGLE, _BEFORE = "self->controller.rear_angle", "self_before->controller.rear_angle"
@@ -22,23 +22,23 @@ _ENABLED = "self->controller.enabled"
 class FrameUnits(Conditions):
     """Contracts of E2E protection, CAN and task."""
 
-    def units(self) -> Iterator[Unit]:
+    def units(self) -> Iterator[ProvedFunction]:
         """Yield the contracts. The longest loop may be that over the bytes of a frame."""
         for unit in (*self._e2e_units(), *self._can_units(), *self._supervision_units(), *self._task_units()):
             yield replace(unit, unwind=max(unit.unwind, self.can.frame_bytes + 1))
 
-    def _e2e_units(self) -> Iterator[Unit]:
+    def _e2e_units(self) -> Iterator[ProvedFunction]:
         own, unit = self.own, self.own("e2e")
         identifier, data = Argument("data_id", "uint16_t"), self.frame("bytes in")
         new, state = (self.argument("self", "e2e_receiver_t", role) for role in ("new", "state"))
         status = own("e2e_status_t")
-        yield Unit(own("e2e_receiver_init"), unit, (new,))
+        yield ProvedFunction(own("e2e_receiver_init"), unit, (new,))
         code = Claim("the result is one of its enumerators", self.is_code("result", 7))
-        yield Unit(own("e2e_check"), unit, (state, identifier, data), status, ensures=(code, *self._checked()))
+        yield ProvedFunction(own("e2e_check"), unit, (state, identifier, data), status, ensures=(code, *self._checked()))
         none = Claim("it returns NO_NEW_DATA", f"result == {self.upper}_E2E_NO_NEW_DATA")
         silent = Claim("the accepted advance of the counter grows by one", f"self->max_delta_counter == {self._advance}")
         grows = (silent,) if self.can.profile.has_synchronisation else ()
-        yield Unit(own("e2e_no_new_data"), unit, (state,), status, ensures=(none, *grows))
+        yield ProvedFunction(own("e2e_no_new_data"), unit, (state,), status, ensures=(none, *grows))
         arguments = (identifier, Argument("counter", "uint8_t", "state"), self.frame("bytes out"))
         sent = (
             Claim(f"the counter for the next frame is at most {self.counter_max}", f"*counter <= {self.counter_max}u"),
@@ -46,12 +46,12 @@ class FrameUnits(Conditions):
             Claim("the frame has the right CRC", f"{own('e2e_crc')}(data_id, data) == {self.can.e2e.received_crc}"),
             *self._nibble(),
         )
-        yield Unit(own("e2e_protect"), unit, arguments, ensures=sent)
+        yield ProvedFunction(own("e2e_protect"), unit, arguments, ensures=sent)
         new, state = (self.argument("self", "e2e_supervision_t", role) for role in ("new", "state"))
-        yield Unit(own("e2e_supervision_init"), unit, (new,))
+        yield ProvedFunction(own("e2e_supervision_init"), unit, (new,))
         arguments = (state, Argument("is_good", "bool"), Argument("is_damaged", "bool"))
         kept = Claim("the result is kept", "result == self->state")
-        yield Unit(own("e2e_supervise"), unit, arguments, own("e2e_state_t"), ensures=(kept, *self._supervised()))
+        yield ProvedFunction(own("e2e_supervise"), unit, arguments, own("e2e_state_t"), ensures=(kept, *self._supervised()))
 
     def _checked(self) -> Iterator[Claim]:
         """Yield the result of a check as AUTOSAR's profile states it, by the advance of the counter."""
@@ -139,20 +139,20 @@ class FrameUnits(Conditions):
             words = words if name == "INIT" else f"from {name}, INIT does not return"
             yield Claim(words, f"!({was}_{name}) || {stays}")
 
-    def _can_units(self) -> Iterator[Unit]:
+    def _can_units(self) -> Iterator[ProvedFunction]:
         unit = self.own("can")
         absent = Claim("it is NaN", "result != result")
-        yield Unit(self.own("can_not_available"), unit, (), self.real, ensures=(absent,))
+        yield ProvedFunction(self.own("can_not_available"), unit, (), self.real, ensures=(absent,))
         for frame in self.can.messages:
             signals, ensures = f"{frame.role}_t", self.signals_in_range(frame, "signals->")
             data = self.frame("bytes in")
             out = self.argument("signals", signals, "out")
-            yield Unit(self.own(f"can_unpack_{frame.role}"), unit, (data, out), ensures=tuple(ensures))
+            yield ProvedFunction(self.own(f"can_unpack_{frame.role}"), unit, (data, out), ensures=tuple(ensures))
             arguments = (self.argument("signals", signals, "in"), self.frame("bytes out"))
             received = (f"{self.own(signals)} unpacked;", f"{self.own(f'can_unpack_{frame.role}')}(data, &unpacked);")
             more: dict[str, Any] = {"facts": received, "more": tuple(self._packed(frame)), "includes": True, "unwind": 26}
             more |= {"stand_in": "to_code_of_lemma", "replaced": ("to_code",)}
-            pack = Unit(self.own(f"can_pack_{frame.role}"), unit, arguments, conversions=False, **more)
+            pack = ProvedFunction(self.own(f"can_pack_{frame.role}"), unit, arguments, conversions=False, **more)
             yield pack
             # Code that reads the bytes of a number is right for one byte order only. A program of goto-cc has that of the host.
             yield replace(pack, part="_big_endian", options="--big-endian", stand_in="", replaced=())
@@ -191,7 +191,7 @@ class FrameUnits(Conditions):
             if received:
                 yield Claim(f"{role} is received as its code says", received)
 
-    def _supervision_units(self) -> Iterator[Unit]:
+    def _supervision_units(self) -> Iterator[ProvedFunction]:
         own, unit, upper = self.own, self.own("supervision"), self.upper
         new, state = (self.argument("self", "supervision_t", role) for role in ("new", "state"))
         cause, status = Argument("cause", own("supervision_cause_t")), Argument("status", own("status_t"))
@@ -200,10 +200,10 @@ class FrameUnits(Conditions):
             Claim("status is one of its enumerators", self.is_code("status", len(Status) - 1)),
         )
         starts = Claim("it starts without a rear angle", f"self->state == {upper}_SUPERVISION_{State.START.name}")
-        yield Unit(own("supervision_init"), unit, (new,), ensures=(starts,))
+        yield ProvedFunction(own("supervision_init"), unit, (new,), ensures=(starts,))
         arguments = (state, cause, status)
         step = own("supervision_step")
-        yield Unit(step, unit, arguments, own("status_t"), requires=codes, ensures=tuple(self._transitions()))
+        yield ProvedFunction(step, unit, arguments, own("status_t"), requires=codes, ensures=tuple(self._transitions()))
 
     def _transitions(self) -> Iterator[Claim]:
         """Yield the table of the supervision: the next state for each state and cause, and the status of each state."""
@@ -221,14 +221,14 @@ class FrameUnits(Conditions):
             yield Claim(f"in {state.name} the status is {row.status.name}", claim)
         yield Claim("cause and status are kept", "(self->cause == cause) && (self->status == result)")
 
-    def _task_units(self) -> Iterator[Unit]:
+    def _task_units(self) -> Iterator[ProvedFunction]:
         own, unit, init = self.own, self.own("task"), self.own("controller_init")
         new, state = (self.argument("self", "task_t", role) for role in ("new", "state"))
         kept = Claim("the parameters are those given", "self->parameters == parameters")
         frames = (own("e2e"), own("can"), own("supervision"))
         more: dict[str, Any] = {"linked": frames, "conversions": False}
         parameters = self.argument("parameters", "parameters_t", "parameter")
-        yield Unit(own("task_init"), unit, (new, parameters), ensures=(kept,), callees=(init,), **more)
+        yield ProvedFunction(own("task_init"), unit, (new, parameters), ensures=(kept,), callees=(init,), **more)
         more["before"] = (
             f"{own('parameters_t')} parameters;",
             "self.parameters = &parameters;",
@@ -241,7 +241,7 @@ class FrameUnits(Conditions):
         complete = Claim("the set is complete after the conditions of a cycle with the motion", f"{last} || ({closes})")
         arguments = (state, Argument("id", "uint32_t"), data, length)
         received = (complete, *self._counted_frames())
-        yield Unit(own("task_on_can_frame"), unit, arguments, ensures=received, **more)
+        yield ProvedFunction(own("task_on_can_frame"), unit, arguments, ensures=received, **more)
         identifier = f"result == (uint32_t){self.upper}_CAN_ID_REAR_STEER_COMMAND"
         crc = f"{own('e2e_crc')}((uint16_t){self.upper}_CAN_DATA_ID_REAR_STEER_COMMAND, data) == {self.can.e2e.received_crc}"
         before = "(uint32_t)self_before->counter"
@@ -254,7 +254,9 @@ class FrameUnits(Conditions):
             *self._held(),
         )
         more["unwind"] = 26  # the bits of a signal are read one by one
-        cycle = Unit(own(self.task.function), unit, (state, self.frame("bytes out")), "uint32_t", ensures=sent, **more)
+        cycle = ProvedFunction(
+            own(self.task.function), unit, (state, self.frame("bytes out")), "uint32_t", ensures=sent, **more
+        )
         yield cycle
         released, runs_on = (f"CONTRACT_ASSUME({case});" for case in ("self.released", "!self.released"))
         parts: dict[str, tuple[Iterator[Claim], *tuple[str, ...]]] = {

@@ -12,7 +12,7 @@ from typing import Any
 
 from codegen.emit.contracts.chain import ChainUnits
 from codegen.emit.contracts.conditions import Conditions
-from codegen.emit.contracts.contract import Argument, Bound, Invariant, Lemma, Unit
+from codegen.emit.contracts.contract import Argument, Bound, Invariant, Lemma, ProvedFunction
 from codegen.emit.contracts.control import ControlUnits
 from codegen.emit.contracts.frames import FrameUnits
 from codegen.emit.contracts.invariants import Invariants
@@ -37,7 +37,7 @@ class Contracts:
 
     invariants: dict[str, Invariant]
     lemmas: tuple[Lemma, ...]
-    units: tuple[Unit, ...]
+    units: tuple[ProvedFunction, ...]
 
     @property
     def numbers(self) -> tuple[str, ...]:
@@ -51,7 +51,7 @@ class Contracts:
         )
         return tuple(name for name in found if not (name.startswith("sample.") or name in REWRITTEN_FIRST))
 
-    def of(self, function: str) -> Unit:
+    def of(self, function: str) -> ProvedFunction:
         """Return the contract of a function."""
         return next(unit for unit in self.units if unit.name == function)
 

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from codegen.emit.deviations import DEVIATIONS_FILE, Deviation, Unit, category_of, excerpt, read_deviations, units
+from codegen.emit.deviations import DEVIATIONS_FILE, Deviation, SourceFile, category_of, excerpt, read_deviations, units
 from codegen.emit.misra_rules import RULES
 from codegen.errors import BuildError, CodegenError
 from codegen.verify import on_host
@@ -119,7 +119,7 @@ def _row_faults(rows: Rows) -> Iterator[str]:
 def _differences(subject: Subject, rows: Rows, found: Sequence[Finding], with_gcc: bool) -> Iterator[str]:
     """Yield findings without a row, and rows without a finding."""
     sources = subject.sources("include", "src", *HOST_PROGRAMS)
-    texts = {path: Unit(path, content.decode("ascii", "replace")) for path, content in sources.items()}
+    texts = {path: SourceFile(path, content.decode("ascii", "replace")) for path, content in sources.items()}
     listed, confirmed = {row.key for _, row in rows}, set()
     for finding in found:
         key = _key(texts.get(finding.file), finding)
@@ -132,7 +132,7 @@ def _differences(subject: Subject, rows: Rows, found: Sequence[Finding], with_gc
             yield f"{DEVIATIONS_FILE}:{number}: {needless}"
 
 
-def _key(unit: Unit | None, finding: Finding) -> tuple[str, str, str, str]:
+def _key(unit: SourceFile | None, finding: Finding) -> tuple[str, str, str, str]:
     """Return the `Deviation.key` of a finding."""
     lines = unit.text.split("\n") if unit else []
     if unit is None or not 0 < finding.line <= len(lines):
