@@ -97,9 +97,9 @@ def identify(
 ) -> None:
     """Identify tyres, yaw inertia, steering and rear actuator of a car from measured drives.
 
-    The drives are read first: signals, gaps, offsets, faults; --check stops there. Samples of faults have no value in what
-    follows. A quantity that the drives do not determine keeps its configured value, and the missing manoeuvre is named.
-    Standard deviations and correlations are written into [identified]. The guide describes names.toml.
+    The drives are read first: signals, gaps, offsets, faults; --check stops there. Samples with faults are treated as missing.
+    A quantity that the drives do not determine keeps its configured value, and the missing manoeuvre is named. Standard
+    deviations and correlations are written into [identified]. The guide describes names.toml.
 
     With --plan, no drive is read. The drives that determine the configured car best, within a lateral acceleration and a
     duration, are chosen and written as scenarios, and the standard deviations are predicted.

@@ -79,7 +79,7 @@ def sweep(
 
     if spec is None and measured is None:
         remedy = "give --spec sweep.toml or --from identified.toml"
-        raise CodegenError("nothing says what varies", where="--spec", remedy=remedy)
+        raise CodegenError("no factors to vary are given", where="--spec", remedy=remedy)
     if run is not None:
         _refuse("--replay", {"--scheduler": scheduler, "--workers": workers})
         check_picture(plot, (spec, measured))

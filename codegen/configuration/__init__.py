@@ -392,7 +392,7 @@ class Config(Section):
         return max(steered, key=lambda name: self.cases[name].reference == "optimum", default=None)
 
     def with_case(self, name: str) -> Config:
-        """Return the configuration with the case called `name` as one of its own. Raises ConfigError: see `case`."""
+        """Return the configuration with the case `name` among its own cases. Raises ConfigError: see `case`."""
         case = self.case(name)
         return self if name in self.cases else self.model_copy(update={"cases": {**self.cases, name: case}})
 

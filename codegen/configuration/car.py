@@ -195,7 +195,7 @@ REFERENCE_CASES: dict[str, Case] = {
     ),
     "envelope": Case(envelope=True),
 }
-"""Cases that every configuration has, for comparison with the optimisation; one of its own with such a name replaces it.
+"""Cases that every configuration has, for comparison with the optimisation; a case with the same name in the file replaces it.
 
 The source of the variable wheelbase leaves the wheelbase to the designer. These factors suit the preset's car. Three quarters
 at 20 km/h steer a third of the front angle, 3.3 of the rear axle's 3.5 deg at the largest front angle of the grid. At 60 km/h

@@ -198,7 +198,7 @@ _TUNING_PAIRS: Mapping[str, tuple[str, int]] = {
     "slow_phase_margin_deg": ("phase_margin_deg", -1),
     "slow_sensitivity_max": ("sensitivity_max", 1),
 }
-"""Key -> the one that it must not be stricter than, and the sign of the looser direction: 1 upwards."""
+"""Key -> key that it must not be stricter than, and the sign of the looser direction: 1 is upwards."""
 
 
 def _with_looser(model: type[Section], data: Any, pairs: Mapping[str, tuple[str, int]]) -> Any:
@@ -426,7 +426,7 @@ class Controller(Section):
     inhibit_time_s: Annotated[
         float,
         Range(0.5, 300.0, "s"),
-        Meaning("Inhibit that is set for longer is one for good: the rear wheels return to zero, STANDBY"),
+        Meaning("Inhibit that is set for longer counts as permanent: STANDBY, the rear wheels return to zero"),
     ] = Field(default=10.0, exclude_if=lambda time: time == 10.0)
     tracking: Tracking = Tracking()
     inputs: Inputs = Inputs()

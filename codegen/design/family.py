@@ -19,7 +19,7 @@ from codegen.errors import ConfigError
 from codegen.vehicle.population import Population, varying_keys
 
 MEMBERS_MAX = 4096
-"""Largest number of combinations that the design accepts, far above that of both ends and the middle of each deviation."""
+"""Largest number of combinations that the design accepts, far above those of both ends and the middle of each deviation."""
 
 ELLIPSOID_SHARE = 0.99
 

@@ -76,7 +76,7 @@ class Design:
         schedule: gains and the worst margins of the counted cars that are not slow (`Member.is_slow`), or of the configured
             car where none counts.
         limiting: the counted car that is not slow and nearest to one of its demands, or misses it most.
-        slow: worst margins of the counted slow cars in dB and deg, and their peak sensitivity; None where none counts.
+        slow: worst margins of the counted slow cars in dB and deg, and their peak sensitivity; None if no slow car counts.
         counted: number of members that meet the demands; 0 beyond the grid where no gains were found.
         family_size: number of members.
     """
@@ -189,7 +189,7 @@ class _Designer:
         return self.cars(speeds, point.counted, point.beyond)
 
     def design(self, place: int) -> None:
-        """Find the gains of a breakpoint; beyond the grid, for fewer cars where there are none for all."""
+        """Find the gains of a breakpoint; beyond the grid, for fewer cars if none suit all."""
         point = self.points[place]
         while point.counted != Counted.NOBODY:
             short = self._try(place, point.reserves)

@@ -136,7 +136,7 @@ class _Car:
         return len(self.model.states) + _EXTRA.index(name)
 
     def start(self, points: Points) -> FloatArray:
-        """Return one column for each point. States that the linear car does not have start at zero."""
+        """Return one column for each point. States without a value in the linear car start at zero."""
         wheel = points.front_angle * self.config.steering.ratio
         known = {
             "lateral_speed": points.speed * np.tan(points.sideslip),

@@ -206,7 +206,7 @@ def _search(cars: Cars, demands: Demands) -> tuple[float, float]:
 def _largest(cars: Cars, demands: Demands, kps: FloatArray, least: float = KI_MIN) -> FloatArray:
     """Return the largest Ki for each Kp (n,), by bisection of its logarithm; 0 where even `least` is too much.
 
-    A Kp that cannot reach the largest Ki any more is left with a smaller one, found so far.
+    A Kp that can no longer reach the largest Ki keeps the smaller Ki found so far.
     """
 
     def met(some: IndexArray, ki: FloatArray) -> BoolArray:

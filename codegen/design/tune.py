@@ -304,7 +304,7 @@ def tune(reference_map: ReferenceMap, config: Config, progress: Progress | None 
 def _with_trim(reference_map: ReferenceMap, config: Config, least: float, where: object) -> tuple[Config, Excess | None]:
     """Return the configuration with the trim that the map needs, and the model's excess; None where none is possible.
 
-    A trim of which the build does not warn stays, so that the step responses stay too. Another one is `least` percent or more.
+    A trim without a warning is kept, so that the step responses do not change. Another one is `least` percent or more.
     """
     if not asks_for_more(reference_map, config):
         return config, None

@@ -334,7 +334,7 @@ def extended(
     front_angle: FloatArray,
     steering: CapSteering,
 ) -> Surface:
-    """Extend an optimum by the rules of `extend`, where none is known without the grip bounds.
+    """Extend an optimum by the rules of `extend`, if no optimum without the grip bounds is known.
 
     Args:
         solve: at speeds (n,) and front angles (m,), inside the breakpoints of the map.

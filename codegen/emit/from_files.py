@@ -42,7 +42,7 @@ class Prepared:
 
     @property
     def other_tools(self) -> list[str]:
-        """Tools whose version differs from the one that the build at the target names, both versions in words."""
+        """Tools whose version differs from that in the manifest of the existing build, with both versions."""
         own, recorded = self.folder.manifest["tools"], self.recorded_tools
         return [f"{name} {recorded[name]}, here {own[name]}" for name in own if own[name] != recorded[name]]
 

@@ -1,4 +1,4 @@
-"""The supervision of the task: states, causes, and the one table of what follows from them.
+"""The supervision of the task: states, causes, and the table of transitions between them.
 
 In each sample the task finds the most urgent cause. The table gives the next state for the state so far and that cause; the
 state gives the reaction and the status that is sent. The C, its contracts, the requirements, the safety manual, the guide and

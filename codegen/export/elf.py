@@ -437,8 +437,8 @@ def _lengths(array: Any) -> list[int]:
 class _Search:
     """Search for objects of a named type in other types.
 
-    A type is entered only if it holds such an object at all, which is decided once for each type: structs inside structs have
-    more paths than a program can have bytes.
+    A type is entered only if it contains such an object, which is decided once for each type: nested structs can have more
+    paths than a program has bytes.
     """
 
     def __init__(self, type_name: str) -> None:

@@ -7,7 +7,7 @@ angle in the same way, and the steering ratio is a straight line. `parameters` i
 assumed before, bounds, manoeuvre. `start` finds a starting point from steady turns.
 
 Each quantity has a weak prior around its configured value, whose spread also scales the singular value decomposition in
-`identifiability`. A quantity about which the drives say little keeps its configured value. Standard deviations allow for
+`identifiability`. A quantity that the drives hardly determine keeps its configured value. Standard deviations allow for
 coloured residuals, and for the quantities that are not determined, which were free in the fit.
 
 Layers, lowest first: the reading of logs (`reading`, `names`, `quantities` and below), drive, parameters, model, simulate,

@@ -77,7 +77,7 @@ class Log:
     Attributes:
         channels: all channels.
         read: returns the samples of channels at these places, and the account of the file. Raises CodegenError.
-        remarks: kind, text and number of lost frames of what is not plain in the log as a whole.
+        remarks: kind, text and number of lost frames of findings about the log as a whole.
         conflicts: a text for each identifier that several messages have.
         causes: texts about frames and lines of databases that were not read; a signal may be missing because of them.
     """

@@ -58,8 +58,8 @@ def with_held_spread(fitted: Fit, held: BoolArray) -> Fit:
     """Return the fit with the covariance of all quantities if those in `held` (k,) are as uncertain as assumed before.
 
     With H the curvature, the prior included, of free quantities f and held ones h, a change of h moves the fit of f by G =
-    -H_ff^-1 H_fh. What the drives say about h beyond that is not used. The assumption about f holds on the way too, which
-    leaves the covariance (I + G^T G)^-1 for h.
+    -H_ff^-1 H_fh. Information of the drives about h beyond that is not used. The assumption about f holds on the way too,
+    which leaves the covariance (I + G^T G)^-1 for h.
     """
     if not held.any():
         return fitted

@@ -25,7 +25,7 @@ COMPONENT_MIN = 0.35
 
 @dataclass(frozen=True)
 class Direction:
-    """A combination of quantities about which the drives say little.
+    """A combination of quantities that the drives hardly determine.
 
     Attributes:
         share: standard deviation along it, as a fraction of the spread before; at most 1.

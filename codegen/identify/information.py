@@ -1,4 +1,4 @@
-"""Fisher information of drives: what their measurement says about the quantities, before they are driven.
+"""Fisher information of drives: the information of their measurements about the quantities, computed before they are driven.
 
 The information of a drive is J' W J in units of the prior, with J the derivatives of the simulated outputs by the quantities
 and W the inverse variance of their noise. The model, the segments with free initial states, and the averaging of the errors are
@@ -172,8 +172,8 @@ def _noise_of_errors(
     changed: Callable[[DriveSamples, FloatArray], Problem],
     noise: dict[str, float],
 ) -> FloatArray:
-    """Return the standard deviation (outputs,) of averaged errors: the noise of the outputs, and what that of speed and angles
-    adds to them. The latter is simulated once over all drives.
+    """Return the standard deviation (outputs,) of averaged errors: the noise of the outputs, and the contribution of the noise
+    of speed and angles. The contribution is simulated once over all drives.
 
     Args:
         rear: (n,) rad. changed: function that returns the problem for other samples and rear angles.

@@ -212,7 +212,7 @@ def _signed(samples: Samples, flags: Samples, where: str) -> Samples:
     """Return samples that are negative where a flag is not 0. Raises CodegenError if the times differ."""
     if not np.array_equal(samples.time, flags.time):
         raise CodegenError(
-            "it has other times than the signal whose sign it is", where=where, remedy="name one of that message"
+            "it has other times than the signal whose sign it is", where=where, remedy="name a signal of the same message"
         )
     return replace(samples, values=np.where(flags.values != 0.0, -samples.values, samples.values))
 

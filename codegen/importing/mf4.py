@@ -29,7 +29,7 @@ def is_bus_log(mdf: MDF) -> bool:
 
 
 def columns(path: Path, names: Sequence[str], bytes_max: int) -> tuple[list[FloatArray], list[str]] | None:
-    """Return the physical values of the named channels, and what is not plain; None for the log of a bus.
+    """Return the physical values of the named channels, and the findings about them; None for the log of a bus.
 
     Invalid values are NaN. A channel whose values are texts, as those of a status are, gives its numbers. For `bytes_max` and
     errors see `samples`.

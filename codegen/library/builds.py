@@ -35,7 +35,7 @@ class Build(Result):
         return configuration.parse(self.manifest["configuration"], f"{self.folder}: manifest.json: configuration")
 
     def lines(self) -> list[str]:
-        """Return the number of files and what the limiter cuts off the map."""
+        """Return the number of files and the part of the map that the limiter cuts off."""
         return [*self._headline(""), *self._facts()]
 
     def _headline(self, state: str) -> list[str]:

@@ -48,7 +48,7 @@ class _Given:
         """Return the paths. Raises CodegenError if there is none."""
         if spec is None and measured is None:
             remedy = "give `spec=` or `measured=`"
-            raise CodegenError("nothing says what varies", where="`spec=`", remedy=remedy)
+            raise CodegenError("no factors to vary are given", where="`spec=`", remedy=remedy)
         paths = (None if path is None else path_of(path, "the path of a TOML file") for path in (spec, measured))
         return cls(*paths)
 

@@ -1,4 +1,4 @@
-"""Databases of a bus, DBC or ARXML: messages by identifier, and what was not plain in the files.
+"""Databases of a bus, DBC or ARXML: messages by identifier, and findings about the files.
 
 A statement of a DBC that breaks the rules is left out with its reason, for it may be one that no drive needs.
 """
@@ -103,7 +103,7 @@ class LeftOut:
 
 @dataclass(frozen=True)
 class Loaded:
-    """A file: its content, what was not plain in it, and the lines of statements that were left out."""
+    """A file: its content, findings about it, and the lines of statements that were left out."""
 
     path: Path
     database: Database

@@ -79,9 +79,9 @@ class Allotment:
     Attributes:
         fate: (n,) values of Fate.
         keys: key of the databases -> indices of its frames that are used, in the order of the file.
-        findings: key -> what is not plain about its frames.
+        findings: key -> findings about its frames.
         conflicts: key -> what differs, and the remedy, where several senders send a message.
-        clock: what is not plain about the clock, and the number of frames that are lost by it; "" and 0 for nothing.
+        clock: findings about the clock, and the number of frames that are lost by it; "" and 0 for nothing.
     """
 
     fate: IntArray

@@ -70,7 +70,7 @@ class Lines:
             self.into.skip(reason, f"line {self.number}")
 
     def frame(self, time: float, channel: str) -> None:
-        """Note that the line has a frame."""
+        """Record that the line contains a frame."""
         self.into.in_file += 1
         self.time, self.channel, self.is_frame = time, channel, True
 

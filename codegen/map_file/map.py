@@ -42,9 +42,10 @@ from codegen.vehicle.tyre import MagicFormulaTyre, grip_known, static_wheel_load
 def on_road(config: Config, friction: float) -> Config:
     """Return the configuration of the same car for a map with the design friction `friction`.
 
-    The tyre itself must not change with the road: B stays what it is at the friction of `config` and the peak D goes with the
-    friction, so cornering stiffness goes with it too, and the slip bound stays. Another `road.friction` alone would give a tyre
-    of given cornering stiffness another B; so the tyres are given by B here. On the road of `config` the forces are the same.
+    The tyre itself must not change with the road: B keeps its value at the friction of `config`, and the peak D is
+    proportional to the friction. Therefore the cornering stiffness is proportional to it too, and the slip bound is unchanged.
+    Another `road.friction` alone would give a tyre of given cornering stiffness another B; so the tyres are given by B here.
+    On the road of `config` the forces are the same.
 
     Raises:
         ConfigError: the friction (or B) is none that a configuration may have.

@@ -155,7 +155,7 @@ def _law_slope(problem: SteadyTurnProblem, law: RearLaw, speed: FloatArray) -> F
 def binding(problem: SteadyTurnProblem, turn: TurnQuantities, demand: Demand | None) -> BindingArray:
     """Return the `Binding` flags of given turns, arrays that broadcast to the shape of the yaw rate; NaN binds nothing.
 
-    `demand`: what was asked for, on the same shape; None for a law.
+    `demand`: the demanded yaw rate, of the same shape; None for a law.
     """
     active: BindingArray = np.zeros(turn.yaw_rate.shape, dtype=BINDING_TYPE)
 

@@ -88,7 +88,7 @@ def test_a_measured_car_needs_no_spec(run: Run, refused: Refused, here: Path, mo
     data = {**builds.CONFIG.model_dump(mode="json", exclude_none=True), "identified": table}
     (here / "identified.toml").write_text(whole(configuration.parse(data, "test"), "a test"), encoding="utf-8")
     before = everything_in(here)
-    assert "--spec: nothing says what varies; give --spec sweep.toml or" in refused("sweep", "-o", "out")
+    assert "--spec: no factors to vary are given; give --spec sweep.toml or" in refused("sweep", "-o", "out")
     assert everything_in(here) == before
     answer = run("sweep", "--from", "identified.toml", "-o", "out")
     assert answer.code == 0, answer

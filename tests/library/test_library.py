@@ -166,7 +166,7 @@ WRONG: dict[str, tuple[Any, str]] = {
     ),
     "shares": (lambda _: ars.solve(share=0.9, friction=[0.5]), "`friction=`: cannot be combined with `share=`"),
     "cars of another suite": (lambda _: ars.suite(None, cars=3), "`cars=`: random cars belong to their suite"),
-    "campaign": (lambda _: ars.sweep(None, "x"), "`spec=`: nothing says what varies; give `spec=` or `measured=`"),
+    "campaign": (lambda _: ars.sweep(None, "x"), "`spec=`: no factors to vary are given; give `spec=` or `measured=`"),
     "the same map": (lambda _: ars.compare(PAPER, PAPER), "`second=` "),
     "drives": (lambda _: ars.read_drives([]), "`logs=`: no drive is named; name a measured drive"),
     "empty key": (lambda _: ars.preset("paper").replace({"": 1}), "'' is no key; give dotted keys of ars.toml"),

@@ -41,7 +41,7 @@ class BusTimes:
         periods: name of a message -> time from each of its frames to the next.
         answers: time from each motion frame to the next command.
         cycle: nominal period.
-        findings: what is not plain about the log.
+        findings: findings about the log.
     """
 
     name: str
@@ -103,7 +103,7 @@ class Files:
         runs: name -> recording (samples, 12), columns RECORD_COLUMNS. paths: their files, by name.
         logs: timing of the logs.
         faults: entries of `codegen faults --json`; None if no file contains any.
-        notes: what is not plain about the recordings.
+        notes: findings about the recordings.
     """
 
     runs: Mapping[str, FloatArray] = field(default_factory=dict)
@@ -171,7 +171,7 @@ def read_faults(path: Path) -> list[FaultEntry]:
 
 
 Recording = tuple[FloatArray, Sequence[str]]
-"""Samples, and what is not plain about the file."""
+"""Samples, and findings about the file."""
 
 
 def _read_parquet(path: Path) -> Recording:

@@ -316,7 +316,8 @@ _RUNTIME = re.compile(r"mem(?:cpy|move|set)|__aeabi_mem(?:cpy|move|set|clr)[48]?
 _SOFT_DOUBLE = re.compile(r"__aeabi_(?:d\w+|f2d|u?i2d|u?l2d|l[lr]s[lr]|lasr)|__\w*df\w*|__(?:ash[lr]|lshr)di3")
 
 LIBRARY = (*casadi_c.LIBRARY.values(), "sqrt")
-"""All that the dynamics, and nothing else, may call of the mathematical library; in single precision with an f behind."""
+"""Functions of the mathematical library that the dynamics, and no other files, may call; with the suffix f in single
+precision."""
 
 
 def exported(content: bytes) -> set[str]:

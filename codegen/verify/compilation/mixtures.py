@@ -1,4 +1,4 @@
-"""Check that the sources refuse what they cannot work with: a header of another build, and a compiler that may forget NaN."""
+"""Check that the sources reject a header of another build, and a compiler that may ignore NaN."""
 
 from __future__ import annotations
 
