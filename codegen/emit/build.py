@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import hashlib
 import importlib.metadata
 import math
@@ -71,8 +70,8 @@ OF_REFERENCE_MODEL = ("grip", "reference_model")
 """Units of the laws that use the reference model."""
 LINUX = ("ars_xcp.c", "ars_xcp.h")
 """C files of the Linux program that are the same in every build."""
-MAP_ARCHIVE, ARCHIVE_COLUMNS = "map_archive", 120
-"""Entry of the manifest with the file of the map, and the characters of each row."""
+MAP_FILE = "verify/map.npz"
+"""Path of the map in a build, from which `codegen verify` renders the C again."""
 BLANK_ID = "\0" * 8
 """Placeholder of the id while the files are rendered whose hash it is. No other text contains this character."""
 NAMED_NUMBERS = {
@@ -206,37 +205,26 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         "README.md": render("README.md.j2", context),
     }
     files[DEVIATIONS_FILE] = render("deviations.md.j2", {**context, "deviations": deviations(files)})
+    files[MAP_FILE] = npz.to_bytes(reference_map)
     files[SBOM_FILE] = sbom(files, code.facts)
     manifest = {
         **code.facts,
         **evidence.to_dict(),
         **({} if judgement is None else {judged.KEY: judgement}),
-        MAP_ARCHIVE: _archived(reference_map),
     }
     return Folder(files=files, manifest=manifest)
 
 
-def _archived(reference_map: ReferenceMap) -> list[str]:
-    """Return the file of a map as rows of base64."""
-    text = base64.b64encode(npz.to_bytes(reference_map)).decode("ascii")
-    return [text[start : start + ARCHIVE_COLUMNS] for start in range(0, len(text), ARCHIVE_COLUMNS)]
-
-
-def code_again(manifest: Mapping[str, Any]) -> Folder:
-    """Render headers and sources again from the manifest of a build of this version, which carries its map.
+def code_again(manifest: Mapping[str, Any], files: Mapping[str, bytes]) -> Folder:
+    """Render headers and sources again from manifest and map of a build of this version.
 
     Raises:
-        BuildError: the manifest has no map.
+        BuildError: the files have no map.
         MapError, ConfigError: as `build`.
     """
-    remedy = "build again with `codegen build`"
-    if MAP_ARCHIVE not in manifest:
-        raise BuildError("no map", where=f"manifest.json: {MAP_ARCHIVE}", remedy=remedy)
-    try:
-        data = base64.b64decode("".join(manifest[MAP_ARCHIVE]), validate=True)
-    except (TypeError, ValueError):
-        raise BuildError("not base64", where=f"manifest.json: {MAP_ARCHIVE}", remedy=remedy) from None
-    reference_map = npz.from_bytes(data, f"manifest.json: {MAP_ARCHIVE}")
+    if MAP_FILE not in files:
+        raise BuildError("missing", where=MAP_FILE, remedy="build again with `codegen build`")
+    reference_map = npz.from_bytes(files[MAP_FILE], MAP_FILE)
     config = configuration.parse(manifest["configuration"], "manifest.json: configuration")
     given = manifest["options"]
     request = None

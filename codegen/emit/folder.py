@@ -28,8 +28,7 @@ VERIFICATION_FILES = ("verify.json", "verify.md")
 not name them."""
 
 BUILD_FILE_BYTES_MAX = 2**28
-MANIFEST_BYTES_MAX = 2**27
-"""Limit on the manifest, which carries a map of up to 64 MiB as base64."""
+MANIFEST_BYTES_MAX = 16 * 2**20
 DEPTH_MAX = 32
 """Largest depth of folders in a build; generated ones have two."""
 GENERATOR = "codegen"

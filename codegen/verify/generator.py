@@ -1,4 +1,4 @@
-"""Compare the C of a build with the generator's own, which is rendered again from the manifest.
+"""Compare the C of a build with the generator's own, which is rendered again from its manifest and map.
 
 Files that are not the generator's own bytes are named. The C of an edited build and the generator's C run side by side in this
 process: controller, task with frames of a car and of a faulty bus, look-ups, limiter, reference model, frames and vehicle
@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from codegen.emit.build import code_again
+from codegen.emit.build import MAP_FILE, code_again
 from codegen.errors import BuildError, CodegenError
 from codegen.sil.software import Software
 from codegen.sil.toolchain import compiler_command, compiler_identity
@@ -57,7 +57,9 @@ def check(subject: Subject, effort: Effort) -> Outcome:
     not_run = partial(Outcome, SHOWS, "", Verdict.NOT_RUN, limits=LIMITS)
     if not subject.is_of_this_version:
         return not_run((NOT_THIS_VERSION.format(made=subject.manifest["version"]),))
-    own = code_again(subject.manifest).files
+    if MAP_FILE in subject.edited:
+        return Outcome(SHOWS, "", Verdict.FAILED, (f"{MAP_FILE}: not the map of the build; build again",), limits=LIMITS)
+    own = code_again(subject.manifest, subject.files).files
     sources = subject.sources()
     edited = sorted(path for path in own.keys() | sources.keys() if own.get(path) != sources.get(path))
     limits = [*LIMITS]

@@ -30,7 +30,8 @@ def test_the_id_of_a_committed_build_is_the_hash_of_its_c_with_the_id_blank(name
     folder = Path(__file__).resolve().parents[2] / "generated" / name
     manifest = read_manifest(folder)
     identity = manifest["build_id"]
-    assert [path for path in manifest["files"] if build.BLANK_ID.encode() in (folder / path).read_bytes()] == []
+    texts = (path for path in manifest["files"] if path != build.MAP_FILE)
+    assert [path for path in texts if build.BLANK_ID.encode() in (folder / path).read_bytes()] == []
     paths = [path for path in manifest["files"] if path.endswith((".c", ".h")) and not path.startswith("verify/")]
     blank = {path: (folder / path).read_bytes().replace(identity.encode(), build.BLANK_ID.encode()) for path in paths}
     assert build._build_id(blank) == identity

@@ -26,7 +26,7 @@ def few_drives(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("folder", [PI, TRACKING], ids=["pi", "tracking"])
 def test_the_manifest_gives_the_c_again(folder: builds.Folder) -> None:
-    again = code_again(folder.manifest).files
+    again = code_again(folder.manifest, folder.files).files
     assert again == {path: text for path, text in folder.files.items() if path.startswith(("include/", "src/"))}
     found = generator.check(planted.subject_of(folder), QUICK)
     assert (found.verdict, found.findings) == (Verdict.PASSED, ())
@@ -111,11 +111,11 @@ def test_a_wrong_default_and_an_initialisation_that_leaves_a_member_are_found() 
 def test_what_cannot_be_compared() -> None:
     other = Subject("old", PI.files, {**PI.manifest, "version": "0.0.1"})
     assert generator.check(other, QUICK).verdict is Verdict.NOT_RUN
-    without = {key: value for key, value in PI.manifest.items() if key != "map_archive"}
-    with pytest.raises(BuildError, match="map_archive: no map; build again"):
-        generator.check(Subject("old", PI.files, without), QUICK)
-    with pytest.raises(BuildError, match="not base64"):
-        generator.check(Subject("old", PI.files, {**without, "map_archive": ["?"]}), QUICK)
+    without = {path: content for path, content in PI.files.items() if path != "verify/map.npz"}
+    with pytest.raises(BuildError, match=r"verify/map\.npz: missing; build again"):
+        generator.check(Subject("old", without, PI.manifest), QUICK)
+    found = generator.check(replace(planted.subject_of(PI), edited=("verify/map.npz",)), QUICK)
+    assert (found.verdict, found.findings) == (Verdict.FAILED, ("verify/map.npz: not the map of the build; build again",))
     broken = planted.subject_of(PI, ars_limiter="int broken(\n")
     found = generator.check(broken, QUICK)
     assert found.verdict is not Verdict.PASSED
