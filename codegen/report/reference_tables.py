@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from codegen.report.suite_tables import NO_VALUE, condition_tables, path_table, rise_table, sine_table, wrapped
+from codegen.report.suite_tables import NO_FIGURE, condition_tables, path_table, rise_table, sine_table, wrapped
 from codegen.text import text_table
 from hil_sim.scenarios import PATH_SCENARIOS
 from hil_sim.suite.cells import COMBINED, NOMINAL, lags
@@ -42,7 +42,7 @@ class Row:
     def text(self, result: ReferencesResult, name: str) -> str:
         """Return the figure as text."""
         value = self.value(result, name)
-        return NO_VALUE if value is None else f"{round(value, self.digits) + 0.0:.{self.digits}f}"
+        return NO_FIGURE if value is None else f"{round(value, self.digits) + 0.0:.{self.digits}f}"
 
 
 def _nominal(result: ReferencesResult, name: str) -> tuple[CellResult, ...]:

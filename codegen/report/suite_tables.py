@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from hil_sim.suite.tracking import SuiteResult
 
 WIDTH = 120
-SPUN, NO_VALUE = "spin", "-"
+SPUN, NO_FIGURE = "spin", "-"
 BASELINE = "pi"
 """Baseline for the cost of a controller."""
 
@@ -69,7 +69,7 @@ def wrapped(text: str) -> str:
 
 
 def _number(value: float | None, digits: int) -> str:
-    return NO_VALUE if value is None else f"{round(value, digits) + 0.0:.{digits}f}"
+    return NO_FIGURE if value is None else f"{round(value, digits) + 0.0:.{digits}f}"
 
 
 # --- requirements ------------------------------------------------------------------------------------------------------
@@ -97,7 +97,7 @@ def requirement_table(rows: Sequence[Requirement]) -> str:
 def measured_text(row: Requirement) -> str:
     """Return the value with its unit."""
     if row.measured is None:
-        return NO_VALUE
+        return NO_FIGURE
     digits = 0 if row.measured == int(row.measured) and not row.unit else 2
     return f"{_number(row.measured, digits)} {row.unit}".rstrip()
 
@@ -162,15 +162,15 @@ def _car_row(car: CarResult, plant: str) -> tuple[str, ...]:
         f"car {car.number}",
         *(_placed(getattr(summary, name), digits) for _, name, digits in _CAR_FIGURES),
         _placed(summary.slip_percent, 1),
-        str(len(summary.spins)) if summary.spins else NO_VALUE,
-        NO_VALUE if margins is None else f"{margins.gain_margin_db:.1f} / {margins.phase_margin_deg:.0f}",
+        str(len(summary.spins)) if summary.spins else NO_FIGURE,
+        NO_FIGURE if margins is None else f"{margins.gain_margin_db:.1f} / {margins.phase_margin_deg:.0f}",
     )
 
 
 def _placed(found: Extreme | None, digits: int) -> str:
     """Return a figure and its cell: "4.8 at 120/50", km/h and percent of the feasible angle."""
     if found is None:
-        return NO_VALUE
+        return NO_FIGURE
     share = "" if found.cell.share is None else f"/{100.0 * found.cell.share:g}"
     return f"{_number(found.value, digits)} at {found.cell.speed_km_h:g}{share}"
 
@@ -200,7 +200,7 @@ def condition_tables(result: SuiteResult) -> Iterator[tuple[str, str]]:
         ("Error to the map, largest over the cells: steady yaw rate / its peak (%)", _map_error),
         ("Settling time to 2 %, slowest cell (s); or how many cells never settle", _settling),
         ("Largest |sideslip| (deg)", lambda each: _extreme(each.sideslip_max_deg)),
-        (f"Spins, of {count} cells", lambda each: str(len(each.spins)) if each.spins else NO_VALUE),
+        (f"Spins, of {count} cells", lambda each: str(len(each.spins)) if each.spins else NO_FIGURE),
     )
     for title, text in figures:
         rows = [
@@ -215,13 +215,13 @@ def condition_tables(result: SuiteResult) -> Iterator[tuple[str, str]]:
 
 def _overshoot(summary: Summary) -> str:
     if summary.overshoot_percent is None:
-        return NO_VALUE
+        return NO_FIGURE
     return f"{_number(summary.overshoot_mean_percent, 1)} / {_number(summary.overshoot_percent.value, 1)}"
 
 
 def _map_error(summary: Summary) -> str:
     if summary.map_error_percent is None or summary.map_overshoot_percent is None:
-        return NO_VALUE
+        return NO_FIGURE
     return f"{summary.map_error_percent.value:+.1f} / {summary.map_overshoot_percent.value:+.1f}"
 
 
@@ -232,7 +232,7 @@ def _settling(summary: Summary) -> str:
 
 
 def _extreme(found: Extreme | None) -> str:
-    return NO_VALUE if found is None else _number(found.value, 2)
+    return NO_FIGURE if found is None else _number(found.value, 2)
 
 
 def _cells_text(result: SuiteResult) -> str:
@@ -298,7 +298,7 @@ def rise_table(result: SuiteResult) -> str:
     """Return a table with a row for each speed."""
     rows = []
     for at in zip(*(result.rise_times[name] for name in result.subjects), strict=True):
-        texts = [NO_VALUE if one.mean_s is None else f"{one.mean_s:.2f} / {_number(one.largest_s, 2)}" for one in at]
+        texts = [NO_FIGURE if one.mean_s is None else f"{one.mean_s:.2f} / {_number(one.largest_s, 2)}" for one in at]
         rows.append((f"{at[0].speed_km_h:g} km/h", *texts))
     return text_table(("", *result.subjects), rows)
 

@@ -190,7 +190,7 @@ class _Sides:
                     yield f"{prefix}_{name}_init: {', '.join(wrong)} not as after that of the generator's C"
                     break
         common = self._common("task")
-        for mark in states.MARKS:
+        for mark in states.DAMAGED_MARKS:
             if states.started_with(edited, mark, common) != states.started_with(own, mark, common):
                 yield f"src/{prefix}_task.c: another frame or state than by the generator's C, from {states.MARK} = 0x{mark:X}"
                 break
@@ -199,7 +199,7 @@ class _Sides:
         for theirs, ours in zip(states.damages(edited, samples), states.damages(own, samples), strict=True):
             numbers = [path for path in ours.numbers if path in common]
             contents = [*((path, number) for path in numbers for number in states.UNSOUND)]
-            contents += [(states.MARK, mark) for mark in states.MARKS]
+            contents += [(states.MARK, mark) for mark in states.DAMAGED_MARKS]
             for path, content in contents:
                 self.calls["damaged states"] += 1
                 if path not in found and theirs.outcomes(numbers, path, content) != ours.outcomes(numbers, path, content):

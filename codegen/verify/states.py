@@ -21,7 +21,7 @@ DISTANCE, COMPARED = 50, 10
 """Samples between two damages, and those after each: a number that enters the state shows in a few."""
 MARK = "initialised"
 """Member of a controller with the mark of an initialised state."""
-MARKS = (0x00000000, 0x00000001, 0x5A5A5A5A, 0xA5A5A5A5, 0xFFFFFFFF)
+DAMAGED_MARKS = (0x00000000, 0x00000001, 0x5A5A5A5A, 0xA5A5A5A5, 0xFFFFFFFF)
 """Contents of the mark in memory that was never initialised."""
 
 

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationError
 
 from codegen.configuration import parse_toml
+from codegen.configuration.controller import Tuning
 from codegen.configuration.section import Range, Section, first_fault
 from codegen.errors import CodegenError
 from codegen.files import read_text
@@ -27,6 +28,13 @@ Degrees = Annotated[float, Range(0.0, 90.0, "deg")]
 
 STEP_INSTRUCTIONS_MAX = 1_320
 """Instructions of the longest step of kind `tracking` with the limiter, of one map on even axes."""
+
+OF_FAMILY = "worst car of the family; the default of [tuning], also if the configuration demands another value"
+
+
+def designed(key: str) -> float:
+    """Return the default of a margin in `[tuning]`."""
+    return float(Tuning.model_fields[key].default)
 
 
 class Limits(Section):
@@ -46,12 +54,10 @@ class Limits(Section):
     feedforward_factor: Annotated[float, Range(0.0, 10.0)] = Field(
         default=0.75, description="of the feedforward's overshoot in the same cell, where that is more than the limit"
     )
-    gain_margin_db: Annotated[float, Range(0.0, 40.0, "dB")] = Field(
-        default=8.0, description="worst car of the family: [tuning] demands it"
-    )
-    phase_margin_deg: Degrees = Field(default=45.0, description="worst car of the family: [tuning] demands it")
+    gain_margin_db: Annotated[float, Range(0.0, 40.0, "dB")] = Field(default=designed("gain_margin_db"), description=OF_FAMILY)
+    phase_margin_deg: Degrees = Field(default=designed("phase_margin_deg"), description=OF_FAMILY)
     sensitivity: Annotated[float, Range(1.0, 20.0)] = Field(
-        default=1.8, description="peak, worst car of the family: [tuning] demands it"
+        default=designed("sensitivity_max"), description=f"peak, {OF_FAMILY}"
     )
     third_party_overshoot_percent: Percent = Field(default=3.0, description="on a third party's multi-body car, as on our own")
     wet_sideslip_deg: Degrees = Field(default=3.5, description="on friction 0.6; the map's bound is 3 deg")

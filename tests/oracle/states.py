@@ -10,8 +10,8 @@ from collections.abc import Iterator, Sequence
 
 from codegen.sil.software import Measurement, Software
 from codegen.verify.states import (
+    DAMAGED_MARKS,
     MARK,
-    MARKS,
     UNSOUND,
     Damage,
     damages,
@@ -36,7 +36,7 @@ def initialisation_findings(software: Software) -> Iterator[str]:
 def uninitialised_findings(software: Software) -> Iterator[str]:
     """Yield the first wrong mark with which a task runs on, instead of starting with the default parameters."""
     paths = [*fields(software.ffi, software.new("task")[0])]
-    for mark in MARKS:
+    for mark in DAMAGED_MARKS:
         if started_with(software, mark, paths) != started_with(software, None, paths):
             yield f"src/{software.prefix}_task.c: the task does not start anew with {MARK} = 0x{mark:X}"
             break
@@ -63,4 +63,4 @@ def _unseen(damage: Damage) -> Iterator[tuple[str, str]]:
             if damage.outcomes(numbers, path, number) not in (going_on, restarted):
                 yield path, f"{number:g}"
                 break
-    yield from ((MARK, f"0x{mark:X}") for mark in MARKS if damage.outcomes(numbers, MARK, mark) != restarted)
+    yield from ((MARK, f"0x{mark:X}") for mark in DAMAGED_MARKS if damage.outcomes(numbers, MARK, mark) != restarted)
