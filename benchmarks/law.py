@@ -175,5 +175,5 @@ def _notes(straight: float) -> tuple[str, ...]:
         f"Row 15: the wheel is held. The circle is driven at {CIRCLE_KM_H:g} km/h, its curvature compared with that of the "
         "passive car, times the ratio of both without slip. The car accelerates with "
         f"{ACCELERATION:g} m/s^2 from {REVERSE_KM_H:g} or 0 to {LAST_KM_H:g} km/h. The rear corner is {OVERHANG_M:g} m behind "
-        "the axle, with the wheels at their stop.",
+        "the axle, with the wheels at their stop; after a stop in the circle, the rear wheels are still turned.",
     )

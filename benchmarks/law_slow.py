@@ -22,6 +22,13 @@ SETTLED_S, STEERED_S = 8.0, 0.5
 """s until the car accelerates; s in which the driver turns the wheel."""
 CHANGES = {"through standstill": ((10.0, 0.10), (25.0, 0.10)), "started with turned wheels": ((10.0, 0.20), (25.0, 0.10))}
 """Drive -> front angles in deg with the largest share by which the curvature may change in a second."""
+STARTS = {
+    "started with turned wheels": "swing-out of the rear corner over the first metre",
+    "started after a stop in the circle": "the same after a stop in the circle, rear wheels still turned",
+}
+"""Drive -> its swing-out in words."""
+BRAKED_S = 6.0
+"""s until a car in the circle brakes to a stop."""
 SLOWEST = 0.1
 """m/s. The curvature of a slower car is not defined."""
 SWING_OUT_M, OVERHANG_M = 0.05, 0.9
@@ -40,12 +47,11 @@ def slow(car: LawCar, plant: str) -> Iterator[Figure]:
             figure = f"{title}, front {degrees:g} deg: change of the curvature"
             yield Figure(15, figure, plant, goal, car.letter, text, own <= most)
     stop = math.degrees(car.config.steering.front_angle_stop)
-    runs = [_accelerated(car, plant, "started with turned wheels", stop, is_on) for is_on in (False, True)]
-    corners = [_corner(car, each) for each in runs]
-    more = corners[1] - corners[0]
-    title, text = "swing-out of the rear corner over the first metre", f"{100.0 * more:+.1f} cm ({100.0 * corners[1]:.1f} cm)"
-    goal = f"at most {100.0 * SWING_OUT_M:g} cm more than passive"
-    yield Figure(15, title, plant, goal, car.letter, text, more <= SWING_OUT_M)
+    for drive, title in STARTS.items():
+        passive, own = (_corner(car, _accelerated(car, plant, drive, stop, is_on)) for is_on in (False, True))
+        more, goal = own - passive, f"at most {100.0 * SWING_OUT_M:g} cm more than passive"
+        text = f"{100.0 * more:+.1f} cm ({100.0 * own:.1f} cm)"
+        yield Figure(15, title, plant, goal, car.letter, text, more <= SWING_OUT_M)
 
 
 def _drive(
@@ -75,12 +81,14 @@ def _circles(car: LawCar, plant: str) -> Iterator[Figure]:
 
 
 def _accelerated(car: LawCar, plant: str, title: str, degrees: float, is_on: bool) -> Runs:
-    """Return the run of a drive of CHANGES."""
+    """Return the run of a drive of CHANGES or STARTS."""
     first = REVERSE_KM_H * KM_H if title == "through standstill" else 0.0
     last = LAST_KM_H * KM_H
+    circle = CIRCLE_KM_H * KM_H if title == "started after a stop in the circle" else 0.0
 
     def speed(time: FloatArray) -> FloatArray:
-        return np.clip(first + ACCELERATION * (time - SETTLED_S), first, last)
+        braked = np.clip(circle - ACCELERATION * (time - BRAKED_S), 0.0, circle)
+        return braked + np.clip(first + ACCELERATION * (time - SETTLED_S), first, last)
 
     return _drive(car, plant, degrees, SETTLED_S + (last - first) / ACCELERATION, speed, is_on)
 
@@ -105,13 +113,14 @@ def _changes(run: Runs) -> float:
 def _corner(car: LawCar, run: Runs) -> float:
     """Return how far in m the outer rear corner moves outwards over the first metre of the centre of gravity."""
     vehicle, period = car.config.vehicle, run.time[1] - run.time[0]
-    speed, sideslip = run.signals["speed_m_s"][:, 0], run.signals["sideslip_rad"][:, 0]
-    heading = np.cumsum(run.signals["yaw_rate_rad_s"][:, 0]) * period
+    names, started = ("speed_m_s", "sideslip_rad", "yaw_rate_rad_s"), run.time >= SETTLED_S
+    speed, sideslip, yaw_rate = (run.signals[name][started, 0] for name in names)
+    heading = np.cumsum(yaw_rate) * period
     lateral = np.cumsum(speed * np.tan(sideslip) * np.cos(heading) + speed * np.sin(heading)) * period
     behind, aside = vehicle.cg_to_rear_axle_m + OVERHANG_M, 0.5 * vehicle.track_m
     corner = lateral - behind * np.sin(heading) - aside * np.cos(heading)
-    first_metre = (run.time >= SETTLED_S) & (np.cumsum(np.abs(speed)) * period <= 1.0)
-    return float(corner[first_metre][0] - corner[first_metre].min())
+    first_metre = np.cumsum(np.abs(speed)) * period <= 1.0
+    return float(corner[0] - corner[first_metre].min())
 
 
 ROWS = {15: slow}
