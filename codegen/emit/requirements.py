@@ -82,7 +82,7 @@ REQUIREMENTS = (
     ),
     Requirement(
         "ARS-CTL-2",
-        "While tracking, the command moves by at most the lower of both rear_rate_max in a sample.",
+        "While tracking, the command moves in a sample by at most the lower rear_rate_max of law and limiter.",
         ("controller_step", "law_step"),
         (),
         ("sil/checks_tracking.py",),
@@ -116,21 +116,21 @@ REQUIREMENTS = (
     ),
     Requirement(
         "ARS-CTL-7",
-        "The status follows from the quality of the sample; the first good one ends standby, of kind pi from enable_speed.",
+        "The status follows from the quality of the sample. The first good one ends standby, with kind pi from enable_speed on.",
         ("controller_step",),
         (),
         ("sil/checks_supervision.py",),
     ),
     Requirement(
         "ARS-CTL-8",
-        "Without control its command does not grow; it returns to zero in the fail-safe, and with kind pi in standby.",
+        "Without control the magnitude of the command does not grow. In the fail-safe, and in standby of kind pi, it falls to zero.",
         ("controller_step", "limiter_step"),
         (),
         ("sil/checks_supervision.py",),
     ),
     Requirement(
         "ARS-CTL-9",
-        "From the first sample of control on, the command leaves zero by at most the lower of both rear_rate_max in a sample.",
+        "From the first sample of control on, the command leaves zero in a sample by at most the lower rear_rate_max.",
         ("controller_step", "law_step"),
         (),
         ("sil/checks_tracking.py",),

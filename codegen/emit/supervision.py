@@ -19,7 +19,10 @@ class Reaction(enum.Enum):
 
     FOLLOW = "the command of the control law"
     PREDICT = "the command of the control law, which continues from the last sample"
-    RAMP = "the command returns to zero at a limited rate, from the measured angle, and waits for wheels that do not follow"
+    RAMP = (
+        "the command returns to zero at a limited rate, from the measured angle if that is farther out, "
+        "and waits for wheels that do not follow"
+    )
     REST = "the command returns to zero at a limited rate; before the first speed, it is held"
     NOT_AVAILABLE = 'no command ("not available"), the actuator holds its angle'
 
@@ -112,7 +115,7 @@ _FRAMES = tuple(f"{side}_{fault}" for side in ("MOTION", "CONDITIONS") for fault
 CAUSES: Mapping[Cause, CauseRow] = {
     Cause.ANGLE_UNKNOWN: CauseRow("no rear angle to start from, at the start or after a silence", State.RESYNCHRONISE),
     Cause.STANDBY: CauseRow(
-        "there was no speed yet, or the car has set Inhibit for good; with kind `pi`, also below its enabling speed",
+        "no speed was received yet, Inhibit is set for good, or the speed is below the enabling one (kind `pi`)",
         State.STANDBY,
     ),
     Cause.SAMPLE_LOST: CauseRow(

@@ -289,41 +289,54 @@ def tracking_law() -> Figure:
 
 
 def status_machine() -> Figure:
-    """Draw the values of `status` and how one follows another."""
+    """Draw the values of `status` with the states of the supervision, and how one follows another."""
+    green, orange, red = (
+        {"edgecolor": edge, "facecolor": face}
+        for edge, face in ((GREEN, "#E9F6F1"), (ORANGE, "#FDF3E1"), (VERMILION, "#FCEEE5"))
+    )
     with style():
-        figure = new_figure(7.4, 4.5)
+        figure = new_figure(7.4, 6.0)
         axes = figure.subplots()
-        _bare(axes, 14.0, 8.5)
-        size = (2.9, 1.15)
-        _box(axes, 2.2, 6.6, "STANDBY 2\nno control", size)
-        _box(axes, 8.0, 6.6, "TRACKING 0\nfollows the reference", (3.3, 1.15), edgecolor=GREEN, facecolor="#E9F6F1")
-        _box(axes, 12.3, 6.6, "LIMITED 1\nat a limit", (2.5, 1.15), edgecolor=GREEN, facecolor="#E9F6F1")
-        _box(axes, 8.0, 2.7, "DEGRADED 3\npredicts, or replaces", (3.5, 1.15), edgecolor=ORANGE, facecolor="#FDF3E1")
-        _box(axes, 2.2, 2.7, "FAIL_SAFE 4\nramps to zero", (3.3, 1.15), edgecolor=VERMILION, facecolor="#FCEEE5")
-        axes.plot(0.35, 8.05, "o", color=BLACK, markersize=7)
-        _arrow(axes, (0.45, 7.98), (1.1, 7.22))
-        axes.text(0.65, 8.1, "init", va="center")
-        _arrow(axes, (3.7, 6.85), (6.3, 6.85))
-        axes.text(5.0, 7.0, "with the first speed;\npi: enable speed", ha="center", va="bottom", fontsize=8)
-        _arrow(axes, (6.3, 6.35), (3.7, 6.35))
-        axes.text(5.0, 6.2, "Inhibit for good; pi:\nbelow the disable speed", ha="center", va="top", fontsize=8)
-        _arrow(axes, (9.7, 6.8), (11.0, 6.8))
-        _arrow(axes, (11.0, 6.4), (9.7, 6.4))
-        axes.add_patch(_frame(0.45, 5.2, 13.3, 2.35))
-        axes.text(10.6, 7.75, "all signals are valid", ha="center", color=GREY)
-        _arrow(axes, (7.4, 5.2), (7.4, 3.3), color=ORANGE)
-        axes.text(7.25, 4.25, "a signal is missing or\nwrong, or the loop\nis impaired", ha="right", va="center", fontsize=8)
-        _arrow(axes, (8.6, 3.3), (8.6, 5.2))
-        axes.text(8.75, 4.25, "it is back,\nor agrees again", va="center", fontsize=8)
-        _arrow(axes, (6.2, 2.7), (3.9, 2.7), color=VERMILION)
-        axes.text(5.05, 2.55, "neither front angle\nnor yaw rate is\nvalid", ha="center", va="top", fontsize=8)
-        _arrow(axes, (2.2, 3.3), (2.2, 5.2))
-        axes.text(2.35, 4.25, "enough good\nsamples, more\nthan missing ones", va="center", fontsize=8)
+        _bare(axes, 14.0, 11.6)
+        _box(axes, 2.4, 10.4, "FAIL_SAFE 4\nSTART: no command", (3.6, 1.15), **red)
+        _box(axes, 2.4, 7.8, "STANDBY 2\nno control", (3.0, 1.15))
+        _box(axes, 8.1, 7.8, "TRACKING 0\nRUN, INHIBITED", (3.1, 1.15), **green)
+        _box(axes, 12.2, 7.8, "LIMITED 1\nthe same, at a limit", (3.0, 1.15), **green)
+        _box(axes, 8.1, 3.9, "DEGRADED 3\nPREDICTED, DEGRADED", (3.7, 1.15), **orange)
+        _box(axes, 2.4, 3.9, "FAIL_SAFE 4\nLOST: ramp to zero", (3.6, 1.15), **red)
+        _box(axes, 2.4, 0.8, "FAIL_SAFE 4\nRESYNCHRONISE: no command", (4.6, 1.15), **red)
+        axes.plot(0.2, 11.4, "o", color=BLACK, markersize=7)
+        _arrow(axes, (0.25, 11.35), (0.6, 11.0))
+        axes.text(0.5, 11.4, "init", va="center")
+        _arrow(axes, (2.4, 9.8), (2.4, 8.75))
+        axes.text(2.55, 9.3, "rear angle measured, or\nnot available for 100 ms", va="center", fontsize=8)
+        _arrow(axes, (3.9, 8.05), (6.55, 8.05))
+        axes.text(5.25, 8.12, "first speed;\npi: enable speed", ha="center", va="bottom", fontsize=8)
+        _arrow(axes, (6.55, 7.55), (3.9, 7.55))
+        axes.text(5.25, 7.45, "Inhibit for good; pi:\ndisable speed", ha="center", va="top", fontsize=8)
+        _arrow(axes, (9.65, 8.0), (10.7, 8.0))
+        _arrow(axes, (10.7, 7.6), (9.65, 7.6))
+        axes.add_patch(_frame(0.45, 6.4, 13.4, 2.35))
+        axes.text(10.6, 9.0, "all signals are valid", ha="center", color=GREY)
+        _arrow(axes, (7.5, 6.4), (7.5, 4.5), color=ORANGE)
+        axes.text(7.35, 5.45, "a signal is missing or\nwrong, or the loop\nis impaired", ha="right", va="center", fontsize=8)
+        _arrow(axes, (8.7, 4.5), (8.7, 6.4))
+        axes.text(8.85, 5.45, "it is back,\nor agrees again", va="center", fontsize=8)
+        _arrow(axes, (6.25, 3.9), (4.2, 3.9), color=VERMILION)
+        axes.text(5.25, 3.75, "neither front\nangle nor yaw\nrate is valid", ha="center", va="top", fontsize=8)
+        _arrow(axes, (2.4, 4.5), (2.4, 6.4))
+        axes.text(2.55, 5.45, "enough good\nsamples", va="center", fontsize=8)
+        _arrow(axes, (1.6, 3.3), (1.6, 1.4), color=VERMILION)
+        axes.text(1.45, 2.35, "new data\nafter a\nsilence", ha="right", va="center", fontsize=8)
+        _arrow(axes, (3.2, 1.4), (3.2, 3.3))
+        axes.text(3.35, 2.0, "rear angle measured,\nor 100 ms", va="center", fontsize=8)
         axes.text(
-            7.0,
-            0.55,
-            "Which of the three good states follows is judged anew at each sample.",
+            9.9,
+            1.5,
+            "INHIBITED: the car sets Inhibit, and the\nintegrator is held. Every sample decides anew\n"
+            "which state of the dashed frame follows.",
             ha="center",
+            va="center",
             color=GREY,
             fontsize=8.5,
         )
