@@ -116,14 +116,14 @@ REQUIREMENTS = (
     ),
     Requirement(
         "ARS-CTL-7",
-        "The status follows from the quality of the sample. The first good one ends standby, with kind pi from enable_speed on.",
+        "The status follows from the quality of the sample. The first good one ends standby, kind pi from enable_speed on.",
         ("controller_step",),
         (),
         ("sil/checks_supervision.py",),
     ),
     Requirement(
         "ARS-CTL-8",
-        "Without control the magnitude of the command does not grow. In the fail-safe, and in standby of kind pi, it falls to zero.",
+        "Without control the command does not grow in magnitude. It falls to zero in the fail-safe, and in standby of kind pi.",
         ("controller_step", "limiter_step"),
         (),
         ("sil/checks_supervision.py",),

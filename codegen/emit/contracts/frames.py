@@ -259,11 +259,16 @@ class FrameUnits(Conditions):
         )
         yield cycle
         released, runs_on = (f"CONTRACT_ASSUME({case});" for case in ("self.released", "!self.released"))
+        no_offset = f"(self->angle_offset == {self.number(0.0)})"
         parts: dict[str, tuple[Iterator[Claim], *tuple[str, ...]]] = {
             "_started": (self._started_command(),),
             "_moved": (self._moved_command(),),
-            # The solver needs minutes for both cases at once.
-            "_released": (self._reached_command("in the sample after control ended"), released),
+            # The solver needs minutes for these cases at once.
+            "_released": (self._reached_command("in the sample after control ended", f"!{no_offset}"), released),
+            "_released_apart": (
+                self._reached_command("in the sample after control ended, from wheels apart,", no_offset),
+                released,
+            ),
             "_returned": (self._reached_command("when the conditions return", f"!{self._returns} || !{_ENABLED}"), runs_on),
             "_uncontrolled": (self._reached_command("without control", _ENABLED), runs_on),
             "_held": (self._near_wheels(),),

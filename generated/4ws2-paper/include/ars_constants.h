@@ -14,7 +14,7 @@
 extern "C" {
 #endif
 
-#define ARS_CONSTANTS_BUILD 0x74A4FBBAu
+#define ARS_CONSTANTS_BUILD 0x79E1FC8Du
 
 typedef struct {
     float lateral_acceleration_cap; /* m/s^2, largest steady lateral acceleration that the constraints allow */

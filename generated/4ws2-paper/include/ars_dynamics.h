@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0x74A4FBBAu
+#define ARS_DYNAMICS_BUILD 0x79E1FC8Du
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

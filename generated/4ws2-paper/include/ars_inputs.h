@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0x74A4FBBAu
+#define ARS_INPUTS_BUILD 0x79E1FC8Du
 
 /* Measurements of one sample. A value that is not available is NaN. */
 typedef struct {

@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x74A4FBBAu
+#define ARS_LIMITER_BUILD 0x79E1FC8Du
 
 enum { ARS_LIMITER_POINTS = 6 };
 

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x74A4FBBAu
+#define ARS_MAP_BUILD 0x79E1FC8Du
 
 /* Numbers of breakpoints. */
 enum {

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CAN_BUILD != 0x74A4FBBAu
+#if ARS_CAN_BUILD != 0x79E1FC8Du
 #error "ars_can.h and this source come from different builds"
 #endif
 
@@ -76,10 +76,10 @@ ARS_SECTION_CODE static int32_t to_code(float value, float steps, int32_t low, i
         const float rest = scaled - (float)whole;
 
         code = whole;
-        if ((rest > 0.5f) || ((rest >= 0.5f) && goes_outward(scaled, value, steps, whole))) {
+        if ((rest >= 0.5f) && ((rest > 0.5f) || goes_outward(scaled, value, steps, whole))) {
             code = whole + 1;
         }
-        if ((rest < -0.5f) || ((rest <= -0.5f) && goes_outward(scaled, value, steps, whole))) {
+        if ((rest <= -0.5f) && ((rest < -0.5f) || goes_outward(scaled, value, steps, whole))) {
             code = whole - 1;
         }
     } else if (scaled >= (float)high) {

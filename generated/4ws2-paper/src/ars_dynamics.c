@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0x74A4FBBAu
+#if ARS_DYNAMICS_BUILD != 0x79E1FC8Du
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

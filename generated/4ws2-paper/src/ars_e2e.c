@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_E2E_BUILD != 0x74A4FBBAu
+#if ARS_E2E_BUILD != 0x79E1FC8Du
 #error "ars_e2e.h and this source come from different builds"
 #endif
 
@@ -120,8 +120,9 @@ ARS_SECTION_CODE static ars_e2e_status_t accepted(ars_e2e_receiver_t *self, ars_
 
 ARS_SECTION_CODE static ars_e2e_status_t check_counter(ars_e2e_receiver_t *self, uint8_t counter)
 {
-    const uint8_t range = counter_max + 1u;
-    const uint8_t delta = (uint8_t)((uint8_t)(counter + range) - self->last_counter) % range;
+    const uint32_t received = counter;
+    const uint32_t before = self->last_counter;
+    const uint32_t delta = (received >= before) ? (received - before) : ((received + counter_max + 1u) - before);
     ars_e2e_status_t status;
 
     if (delta == 0u) {

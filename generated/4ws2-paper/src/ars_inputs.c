@@ -11,7 +11,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_INPUTS_BUILD != 0x74A4FBBAu
+#if ARS_INPUTS_BUILD != 0x79E1FC8Du
 #error "ars_inputs.h and this source come from different builds"
 #endif
 
@@ -108,10 +108,14 @@ ARS_SECTION_CODE static bool follow(
         if (!is_missing) {
             self->source = ARS_SIGNAL_LOST;
         }
-    } else if (is_within(measured - self->value, step_max * ((float)self->missing + 1.0f))) {
-        self->value = measured;
     } else {
-        self->source = ARS_SIGNAL_WRONG;
+        const float change_max = (self->missing > 0u) ? (step_max * ((float)self->missing + 1.0f)) : step_max;
+
+        if (is_within(measured - self->value, change_max)) {
+            self->value = measured;
+        } else {
+            self->source = ARS_SIGNAL_WRONG;
+        }
     }
     return is_missing;
 }
@@ -122,7 +126,7 @@ ARS_SECTION_CODE static void forget(ars_signal_t *self)
 {
     const uint32_t missing = self->missing;
 
-    if (self->source == ARS_SIGNAL_MEASURED) {
+    if ((missing > 0u) && (self->source == ARS_SIGNAL_MEASURED)) {
         self->missing = (uint16_t)((missing > 1u) ? (missing - 2u) : 0u);
     }
 }

@@ -9,10 +9,10 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_LAW_BUILD != 0x74A4FBBAu
+#if ARS_LAW_BUILD != 0x79E1FC8Du
 #error "ars_law.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x74A4FBBAu
+#if ARS_MAP_BUILD != 0x79E1FC8Du
 #error "ars_map.h and this source come from different builds"
 #endif
 

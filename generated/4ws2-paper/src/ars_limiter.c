@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_LIMITER_BUILD != 0x74A4FBBAu
+#if ARS_LIMITER_BUILD != 0x79E1FC8Du
 #error "ars_limiter.h and this source come from different builds"
 #endif
 

@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0x1246D493u
+#define ARS_CAN_BUILD 0xE3C8F9B2u
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

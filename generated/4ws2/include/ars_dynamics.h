@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0x1246D493u
+#define ARS_DYNAMICS_BUILD 0xE3C8F9B2u
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

@@ -9,7 +9,7 @@
  *     RUN            TRACKING   the command of the control law
  *     PREDICTED      DEGRADED   the command of the control law, which continues from the last sample
  *     DEGRADED       DEGRADED   the command of the control law
- *     LOST           FAIL_SAFE  the command returns to zero at a limited rate, from the measured angle, and waits for wheels that do not follow
+ *     LOST           FAIL_SAFE  the command returns to zero at a limited rate, from the measured angle if that is farther out, and waits for wheels that do not follow
  *     RESYNCHRONISE  FAIL_SAFE  no command ("not available"), the actuator holds its angle
  *     STANDBY        STANDBY    the command returns to zero at a limited rate; before the first speed, it is held
  *     INHIBITED      TRACKING   the command of the control law
@@ -27,7 +27,7 @@
 
 #include "ars_controller.h"
 
-#if ARS_CONTROLLER_BUILD != 0x1246D493u
+#if ARS_CONTROLLER_BUILD != 0xE3C8F9B2u
 #error "ars_controller.h and this source come from different builds"
 #endif
 
@@ -35,7 +35,7 @@
 extern "C" {
 #endif
 
-#define ARS_SUPERVISION_BUILD 0x1246D493u
+#define ARS_SUPERVISION_BUILD 0xE3C8F9B2u
 
 /* State of the supervision. */
 typedef enum {
@@ -52,7 +52,7 @@ typedef enum {
 /* Cause of a sample. If there are several, the first one of this list counts. */
 typedef enum {
     ARS_CAUSE_ANGLE_UNKNOWN = 0,      /* no rear angle to start from, at the start or after a silence */
-    ARS_CAUSE_STANDBY = 1,            /* there was no speed yet, or the car has set Inhibit for good; with kind `pi`, also below its enabling speed */
+    ARS_CAUSE_STANDBY = 1,            /* no speed was received yet, Inhibit is set for good, or the speed is below the enabling one (kind `pi`) */
     ARS_CAUSE_SAMPLE_LOST = 2,        /* front angle and yaw rate are lost or rejected */
     ARS_CAUSE_SAMPLE_MISSING = 3,     /* a signal is missing, for a tolerated time so far */
     ARS_CAUSE_SIGNAL_REPLACED = 4,    /* a signal is rejected and computed from the others */

@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0x1246D493u
+#if ARS_DYNAMICS_BUILD != 0xE3C8F9B2u
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

@@ -10,13 +10,13 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONSTANTS_BUILD != 0x1246D493u
+#if ARS_CONSTANTS_BUILD != 0xE3C8F9B2u
 #error "ars_constants.h and this source come from different builds"
 #endif
-#if ARS_LAW_BUILD != 0x1246D493u
+#if ARS_LAW_BUILD != 0xE3C8F9B2u
 #error "ars_law.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x1246D493u
+#if ARS_MAP_BUILD != 0xE3C8F9B2u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -194,7 +194,7 @@ ARS_SECTION_CODE static ars_map_reference_t reference_ahead(
     if (phase == ARS_LAW_PREDICTS) {
         self->missed_samples++;
     } else {
-        const float age = sampling_time * ((float)self->missed_samples + 1.0f);
+        const float age = (self->missed_samples > 0u) ? (sampling_time * ((float)self->missed_samples + 1.0f)) : sampling_time;
         const float rate = (sample->front_angle - self->front_angle) / age;
 
         self->front_angle = sample->front_angle;

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_LIMITER_BUILD != 0x1246D493u
+#if ARS_LIMITER_BUILD != 0xE3C8F9B2u
 #error "ars_limiter.h and this source come from different builds"
 #endif
 

@@ -8,19 +8,19 @@
 
 #include "ars_sections.h"
 
-#if ARS_CAN_BUILD != 0x1246D493u
+#if ARS_CAN_BUILD != 0xE3C8F9B2u
 #error "ars_can.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0x1246D493u
+#if ARS_CONTROLLER_BUILD != 0xE3C8F9B2u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_E2E_BUILD != 0x1246D493u
+#if ARS_E2E_BUILD != 0xE3C8F9B2u
 #error "ars_e2e.h and this source come from different builds"
 #endif
-#if ARS_SUPERVISION_BUILD != 0x1246D493u
+#if ARS_SUPERVISION_BUILD != 0xE3C8F9B2u
 #error "ars_supervision.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0x1246D493u
+#if ARS_TASK_BUILD != 0xE3C8F9B2u
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -94,45 +94,45 @@ ARS_SECTION_CODE static void input_disturb(ars_task_input_t *self, uint32_t caus
     self->disturbed = true;
 }
 
-ARS_SECTION_CODE static void input_count(ars_task_input_t *self)
+/* Check a frame of the right length. Returns whether its data may be used. */
+ARS_SECTION_CODE static bool input_check(ars_task_input_t *self, uint16_t data_id, const uint8_t *data)
 {
-    if (self->frames < UINT8_MAX) {
-        self->frames++;
-    }
-}
-
-/* Check a received frame. Returns whether its data may be used. */
-ARS_SECTION_CODE static bool input_receive(ars_task_input_t *self, uint16_t data_id, const uint8_t *data)
-{
+    const ars_e2e_status_t status = ars_e2e_check(&self->receiver, data_id, data);
     uint8_t advance = 0u;
 
-    switch (ars_e2e_check(&self->receiver, data_id, data)) {
-    case ARS_E2E_OK:
-    case ARS_E2E_INITIAL:
+    if ((status == ARS_E2E_OK) || (status == ARS_E2E_INITIAL)) {
         advance = 1u;
-        break;
-    case ARS_E2E_OK_SOME_LOST:
+    } else if (status == ARS_E2E_OK_SOME_LOST) {
         advance = 2u;
         input_disturb(self, 0u);
-        break;
-    case ARS_E2E_WRONG_CRC:
+    } else if (status == ARS_E2E_WRONG_CRC) {
         input_disturb(self, (uint32_t)ARS_DIAGNOSTICS_MOTION_WRONG_CRC);
-        break;
-    case ARS_E2E_SYNC:
-    case ARS_E2E_WRONG_SEQUENCE:
-        self->out_of_sequence = true;
+    } else {
+        if ((status == ARS_E2E_SYNC) || (status == ARS_E2E_WRONG_SEQUENCE)) {
+            self->out_of_sequence = true;
+        }
         input_disturb(self, (uint32_t)ARS_DIAGNOSTICS_MOTION_WRONG_COUNTER);
-        break;
-    case ARS_E2E_REPEATED:
-    case ARS_E2E_NO_NEW_DATA: /* not returned for a received frame */
-    default:
-        input_disturb(self, (uint32_t)ARS_DIAGNOSTICS_MOTION_WRONG_COUNTER);
-        break;
     }
     if (self->advance < advance_max) {
         self->advance = (uint8_t)(self->advance + advance);
     }
     return advance > 0u;
+}
+
+/* Receive a frame. Returns whether its data may be used. */
+ARS_SECTION_CODE static bool input_receive(ars_task_input_t *self, uint16_t data_id, const uint8_t *data, uint8_t length)
+{
+    bool is_good = false;
+
+    if (self->frames < UINT8_MAX) {
+        self->frames++;
+    }
+    if (length == (uint8_t)ARS_CAN_LENGTH) {
+        is_good = input_check(self, data_id, data);
+    } else { /* the data are not read: the frame counts as damaged and does not update the counter check */
+        input_disturb(self, (uint32_t)ARS_DIAGNOSTICS_MOTION_WRONG_CRC);
+    }
+    return is_good;
 }
 
 /* Return whether a good frame was received after an error or a loss. */
@@ -159,11 +159,13 @@ ARS_SECTION_CODE static uint32_t input_close(ars_task_input_t *self)
         (void)ars_e2e_no_new_data(&self->receiver);
         causes |= (uint32_t)ARS_DIAGNOSTICS_MOTION_MISSING;
     }
-    if (is_good && !is_valid) {
-        causes |= (uint32_t)ARS_DIAGNOSTICS_MOTION_WRONG_COUNTER;
-    }
     self->usable = is_good && is_valid;
-    self->disturbed = self->disturbed && !is_good;
+    if (is_good) {
+        self->disturbed = false;
+        if (!is_valid) {
+            causes |= (uint32_t)ARS_DIAGNOSTICS_MOTION_WRONG_COUNTER;
+        }
+    }
     self->causes = 0u;
     self->frames = 0u;
     self->advance = 0u;
@@ -210,34 +212,17 @@ ARS_SECTION_CODE void ars_task_init(ars_task_t *self, const ars_parameters_t *pa
 
 ARS_SECTION_CODE void ars_task_on_can_frame(ars_task_t *self, uint32_t id, const uint8_t *data, uint8_t length)
 {
-    const bool is_motion = id == (uint32_t)ARS_CAN_ID_VEHICLE_MOTION;
-    const bool is_conditions = id == (uint32_t)ARS_CAN_ID_VEHICLE_CONDITIONS;
-
-    if (is_motion) {
-        input_count(&self->motion_input);
-    } else if (is_conditions) {
-        self->conditions_close = self->motion_input.frames > 0u;
-        input_count(&self->conditions_input);
-    } else {
-        /* a frame of another node */
-    }
-    if ((is_motion || is_conditions) && (length != (uint8_t)ARS_CAN_LENGTH)) {
-        /* The data are not read: the frame counts as damaged and does not update the counter check. */
-        if (is_motion) {
-            input_disturb(&self->motion_input, (uint32_t)ARS_DIAGNOSTICS_MOTION_WRONG_CRC);
-        } else {
-            input_disturb(&self->conditions_input, (uint32_t)ARS_DIAGNOSTICS_MOTION_WRONG_CRC);
-        }
-    } else if (is_motion) {
-        if (input_receive(&self->motion_input, (uint16_t)ARS_CAN_DATA_ID_VEHICLE_MOTION, data)) {
+    if (id == (uint32_t)ARS_CAN_ID_VEHICLE_MOTION) {
+        if (input_receive(&self->motion_input, (uint16_t)ARS_CAN_DATA_ID_VEHICLE_MOTION, data, length)) {
             ars_can_unpack_vehicle_motion(data, &self->motion);
         }
-    } else if (is_conditions) {
-        if (input_receive(&self->conditions_input, (uint16_t)ARS_CAN_DATA_ID_VEHICLE_CONDITIONS, data)) {
+    } else if (id == (uint32_t)ARS_CAN_ID_VEHICLE_CONDITIONS) {
+        self->conditions_close = self->motion_input.frames > 0u;
+        if (input_receive(&self->conditions_input, (uint16_t)ARS_CAN_DATA_ID_VEHICLE_CONDITIONS, data, length)) {
             ars_can_unpack_vehicle_conditions(data, &self->conditions);
         }
     } else {
-        /* ignored */
+        /* a frame of another node */
     }
 }
 

@@ -17,7 +17,7 @@
 #include "ars_dynamics.h"
 #include "ars_map.h"
 
-#if ARS_TASK_BUILD != 0x1246D493u
+#if ARS_TASK_BUILD != 0xE3C8F9B2u
 #error "ars_task.h and this source come from different builds"
 #endif
 
