@@ -205,7 +205,7 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         "README.md": render("README.md.j2", context),
     }
     files[DEVIATIONS_FILE] = render("deviations.md.j2", {**context, "deviations": deviations(files)})
-    files[MAP_FILE] = npz.to_bytes(reference_map)
+    files[MAP_FILE] = npz.to_bytes(judged.with_judgement(reference_map, None))
     files[SBOM_FILE] = sbom(files, code.facts)
     manifest = {
         **code.facts,

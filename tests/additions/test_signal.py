@@ -63,7 +63,7 @@ def reread(path, name):
 
 
 folder = prepare(Path(sys.argv[1])).folder
-files = {path: content.decode() for path, content in folder.files.items()}
+files = {path: content.decode() for path, content in folder.files.items() if not path.endswith(".npz")}
 software = compile_build(folder.files, folder.manifest)
 ffi, prefix = software.ffi, software.prefix
 

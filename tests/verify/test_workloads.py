@@ -38,7 +38,7 @@ def test_directed_drives_reach_their_states() -> None:
 
 
 def test_directed_drives_have_longer_steps_than_drawn_ones() -> None:
-    """Offsets that are learned from contradicting signals take 5 % longer than any of 2,500 drawn samples."""
+    """Offsets that are learned from contradicting signals take 4 % longer than any of 2,500 drawn samples."""
     start = counter().routine("controller_step").start
 
     def longest(rows: np.ndarray) -> int:
@@ -47,7 +47,7 @@ def test_directed_drives_have_longer_steps_than_drawn_ones() -> None:
 
     drives = drawn(Thresholds.of(PI.manifest), 500)
     wild = max(longest(np.column_stack([drive, np.arange(500) == 0]).astype(np.float32)) for drive in drives)
-    assert max(map(longest, HISTORIES)) > 1.05 * wild
+    assert max(map(longest, HISTORIES)) > 1.04 * wild
 
 
 def test_steps_start_with_the_usual_ones() -> None:
