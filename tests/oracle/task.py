@@ -160,7 +160,7 @@ class SecondTask:
             self._start_angle, self._offset, self._waited = self._controller.angle, self._controller.real(0.0), 0
         if measured is not None and self._is_plausible(measured):
             command = self._near_wheels(command, last, measured)
-            self._measured = measured
+            self._measured, self._samples_without_angle = measured, 0
         found |= self._causes_of_controller(command.status)
         self._state = next_state(self._state, min(found))
         diagnostics |= self._of_controller(is_good, command.status)
@@ -297,14 +297,21 @@ class SecondTask:
             state = replace(state, rear_angle=math.nan)
         return Measurement(**vars(car), **vars(state))
 
+    @property
+    def _wait(self) -> int:
+        """Samples for which an angle is waited for."""
+        return max(int(ANGLE_WAIT_S / float(self._controller.period) + 1e-6), 1)
+
     def _is_plausible(self, rear_angle: float) -> bool:
         return bool(abs(rear_angle) <= self.parameters.inputs.rear_angle_max)
 
     def _lacks_angle(self, has_frames: bool) -> bool:
-        """Return whether the rear angle is unknown: until the start, and after a silence that led to the fail-safe."""
-        is_over = has_frames and self._silence > self.parameters.inputs.missing_samples_max and self._measured is not None
-        if is_over:
-            self._samples_without_angle = 0
+        """Return whether the rear angle is unknown: until the start, and after a silence that led to the fail-safe.
+
+        Once it was waited for in vain, no other silence is, until the angle is measured.
+        """
+        is_long = self._silence > self.parameters.inputs.missing_samples_max
+        is_over = has_frames and is_long and self._measured is not None and self._samples_without_angle <= self._wait
         self._silence = 0 if has_frames else self._silence + 1
         return is_over or not STATES[self._state].has_command
 
@@ -320,7 +327,7 @@ class SecondTask:
             started = True
         elif was_measured or (rear_angle is not None and math.isnan(rear_angle)):
             self._samples_without_angle += 1
-            started = self._samples_without_angle > max(int(ANGLE_WAIT_S / float(self._controller.period) + 1e-6), 1)
+            started = self._samples_without_angle > self._wait
             rear_angle = self._measured if was_measured else rear_angle
         elif rear_angle is not None:
             self._samples_without_angle = 0

@@ -461,6 +461,27 @@ def check_rear_angle_never_measured(built: Built) -> None:
     assert angles[waited:] == [0.0] * (len(angles) - waited)
 
 
+def check_rear_angle_lost_in_a_broken_bus(built: Built) -> None:
+    """Check that the angle is waited for no longer than ANGLE_WAIT_S while single frames come between silences, and once only."""
+    task, cycle = _on_bus(built)
+    straight, waited_max = VehicleMotion(SPEED, 0.0, 0.0), round(ANGLE_WAIT_S / built.software.config.controller.sampling_time_s)
+
+    def without_command(angle: float) -> list[bool]:
+        """Return for each call whether it has no command. A set comes after five silent calls, ten times."""
+        return [
+            math.isnan(cycle(straight, VehicleConditions(angle), *lacks).rear_angle)
+            for _ in range(10)
+            for lacks in [(0, 1)] * 5 + [()]
+        ]
+
+    for _ in range(2):  # an angle that is measured again is waited for again
+        while not task.state.supervision.has_command or not task.state.controller.enabled:
+            cycle(straight, VehicleConditions(0.0))
+        unknown = without_command(math.nan)
+        first = unknown.index(True)
+        assert (first, sum(unknown), all(unknown[first : first + waited_max])) == (5, waited_max, True)
+
+
 def answers_of_task(built: Built, lives: int = STARTS) -> list[Traffic]:
     """Return the results for each parameter set. Together they must show every cause of a diagnosis."""
     codec, known = Codec(built.software.config.can, built.software.precision), []

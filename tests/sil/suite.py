@@ -229,6 +229,7 @@ UNITS: dict[str, Callable[[Kind], list[Judge]]] = {
             answers_task.check_command_goes_out_to_wheels,
             answers_task.check_replaced_in_standby,
             answers_task.check_rear_angle_never_measured,
+            answers_task.check_rear_angle_lost_in_a_broken_bus,
         ),
         *_inits(kind),
     ],

@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0x79E1FC8Du
+#define ARS_CAN_BUILD 0x9E1BA05Au
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

@@ -22,16 +22,16 @@
 #include "ars_limiter.h"
 #include "ars_parameters.h"
 
-#if ARS_INPUTS_BUILD != 0x79E1FC8Du
+#if ARS_INPUTS_BUILD != 0x9E1BA05Au
 #error "ars_inputs.h and this source come from different builds"
 #endif
-#if ARS_LAW_BUILD != 0x79E1FC8Du
+#if ARS_LAW_BUILD != 0x9E1BA05Au
 #error "ars_law.h and this source come from different builds"
 #endif
-#if ARS_LIMITER_BUILD != 0x79E1FC8Du
+#if ARS_LIMITER_BUILD != 0x9E1BA05Au
 #error "ars_limiter.h and this source come from different builds"
 #endif
-#if ARS_PARAMETERS_BUILD != 0x79E1FC8Du
+#if ARS_PARAMETERS_BUILD != 0x9E1BA05Au
 #error "ars_parameters.h and this source come from different builds"
 #endif
 
@@ -39,7 +39,7 @@
 extern "C" {
 #endif
 
-#define ARS_CONTROLLER_BUILD 0x79E1FC8Du
+#define ARS_CONTROLLER_BUILD 0x9E1BA05Au
 
 /* Mark of a state that ars_controller_init() has initialised. Not zero, so that cleared memory does not look initialised. */
 #define ARS_CONTROLLER_INITIALISED 0x41525331u

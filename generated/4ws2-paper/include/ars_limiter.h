@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x79E1FC8Du
+#define ARS_LIMITER_BUILD 0x9E1BA05Au
 
 enum { ARS_LIMITER_POINTS = 6 };
 

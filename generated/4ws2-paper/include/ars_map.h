@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x79E1FC8Du
+#define ARS_MAP_BUILD 0x9E1BA05Au
 
 /* Numbers of breakpoints. */
 enum {

@@ -28,16 +28,16 @@
 #include "ars_e2e.h"
 #include "ars_supervision.h"
 
-#if ARS_CAN_BUILD != 0x79E1FC8Du
+#if ARS_CAN_BUILD != 0x9E1BA05Au
 #error "ars_can.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0x79E1FC8Du
+#if ARS_CONTROLLER_BUILD != 0x9E1BA05Au
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_E2E_BUILD != 0x79E1FC8Du
+#if ARS_E2E_BUILD != 0x9E1BA05Au
 #error "ars_e2e.h and this source come from different builds"
 #endif
-#if ARS_SUPERVISION_BUILD != 0x79E1FC8Du
+#if ARS_SUPERVISION_BUILD != 0x9E1BA05Au
 #error "ars_supervision.h and this source come from different builds"
 #endif
 
@@ -45,7 +45,7 @@
 extern "C" {
 #endif
 
-#define ARS_TASK_BUILD 0x79E1FC8Du
+#define ARS_TASK_BUILD 0x9E1BA05Au
 
 /* Bits of the signal "Diagnostics": events since the previous call. Both messages MISSING: the task
  * ran early, or the bus is silent. */

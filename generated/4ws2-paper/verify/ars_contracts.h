@@ -19,10 +19,10 @@
 #include "ars_map.h"
 #include "ars_task.h"
 
-#if ARS_MAP_BUILD != 0x79E1FC8Du
+#if ARS_MAP_BUILD != 0x9E1BA05Au
 #error "ars_map.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0x79E1FC8Du
+#if ARS_TASK_BUILD != 0x9E1BA05Au
 #error "ars_task.h and this source come from different builds"
 #endif
 

@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0xE3C8F9B2u
+#define ARS_CAN_BUILD 0xC8C3D859u
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

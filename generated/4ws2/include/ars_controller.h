@@ -23,19 +23,19 @@
 #include "ars_limiter.h"
 #include "ars_parameters.h"
 
-#if ARS_GRIP_BUILD != 0xE3C8F9B2u
+#if ARS_GRIP_BUILD != 0xC8C3D859u
 #error "ars_grip.h and this source come from different builds"
 #endif
-#if ARS_INPUTS_BUILD != 0xE3C8F9B2u
+#if ARS_INPUTS_BUILD != 0xC8C3D859u
 #error "ars_inputs.h and this source come from different builds"
 #endif
-#if ARS_LAW_BUILD != 0xE3C8F9B2u
+#if ARS_LAW_BUILD != 0xC8C3D859u
 #error "ars_law.h and this source come from different builds"
 #endif
-#if ARS_LIMITER_BUILD != 0xE3C8F9B2u
+#if ARS_LIMITER_BUILD != 0xC8C3D859u
 #error "ars_limiter.h and this source come from different builds"
 #endif
-#if ARS_PARAMETERS_BUILD != 0xE3C8F9B2u
+#if ARS_PARAMETERS_BUILD != 0xC8C3D859u
 #error "ars_parameters.h and this source come from different builds"
 #endif
 
@@ -43,7 +43,7 @@
 extern "C" {
 #endif
 
-#define ARS_CONTROLLER_BUILD 0xE3C8F9B2u
+#define ARS_CONTROLLER_BUILD 0xC8C3D859u
 
 /* Mark of a state that ars_controller_init() has initialised. Not zero, so that cleared memory does not look initialised. */
 #define ARS_CONTROLLER_INITIALISED 0x41525331u

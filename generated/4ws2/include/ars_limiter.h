@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0xE3C8F9B2u
+#define ARS_LIMITER_BUILD 0xC8C3D859u
 
 enum { ARS_LIMITER_POINTS = 6 };
 

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0xE3C8F9B2u
+#define ARS_MAP_BUILD 0xC8C3D859u
 
 /* Numbers of breakpoints. */
 enum {

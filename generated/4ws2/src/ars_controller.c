@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0xE3C8F9B2u
+#if ARS_CONTROLLER_BUILD != 0xC8C3D859u
 #error "ars_controller.h and this source come from different builds"
 #endif
 

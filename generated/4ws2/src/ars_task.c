@@ -8,19 +8,19 @@
 
 #include "ars_sections.h"
 
-#if ARS_CAN_BUILD != 0xE3C8F9B2u
+#if ARS_CAN_BUILD != 0xC8C3D859u
 #error "ars_can.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0xE3C8F9B2u
+#if ARS_CONTROLLER_BUILD != 0xC8C3D859u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_E2E_BUILD != 0xE3C8F9B2u
+#if ARS_E2E_BUILD != 0xC8C3D859u
 #error "ars_e2e.h and this source come from different builds"
 #endif
-#if ARS_SUPERVISION_BUILD != 0xE3C8F9B2u
+#if ARS_SUPERVISION_BUILD != 0xC8C3D859u
 #error "ars_supervision.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0xE3C8F9B2u
+#if ARS_TASK_BUILD != 0xC8C3D859u
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -347,7 +347,8 @@ ARS_SECTION_CODE static uint32_t check_actuator(ars_task_t *self, bool is_measur
 }
 
 /* Return whether the rear angle is unknown: until the start, and from the first new data after a silence in which the controller entered
- * the fail-safe. The actuator may have missed the commands too and still hold an old angle. */
+ * the fail-safe. The actuator may have missed the commands too and still hold an old angle. After a wait in which no angle came, a further
+ * silence is not waited for until the angle is measured again. */
 ARS_SECTION_CODE static bool lacks_angle(ars_task_t *self)
 {
     bool lacks = !self->supervision.has_command;
@@ -357,9 +358,9 @@ ARS_SECTION_CODE static bool lacks_angle(ars_task_t *self)
             self->silent_calls++;
         }
     } else {
-        if ((self->silent_calls > self->parameters->inputs.missing_samples_max) && self->has_measured) {
+        if ((self->silent_calls > self->parameters->inputs.missing_samples_max) && self->has_measured
+            && (self->samples_without_angle <= angle_wait_max)) {
             lacks = true;
-            self->samples_without_angle = 0u;
         }
         self->silent_calls = 0u;
     }
@@ -558,6 +559,7 @@ ARS_SECTION_CODE static ars_command_t step(
         stay_near_wheels(self, &command, last, self->measured_angle);
         self->has_measured = true;
         self->measured_angle = self->conditions.rear_angle;
+        self->samples_without_angle = 0u;
     }
     command.status = ars_supervision_step(
         &self->supervision, cause_of_sample(self, cause, command.status, has_angle), command.status);

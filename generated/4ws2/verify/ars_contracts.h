@@ -19,10 +19,10 @@
 #include "ars_map.h"
 #include "ars_task.h"
 
-#if ARS_MAP_BUILD != 0xE3C8F9B2u
+#if ARS_MAP_BUILD != 0xC8C3D859u
 #error "ars_map.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0xE3C8F9B2u
+#if ARS_TASK_BUILD != 0xC8C3D859u
 #error "ars_task.h and this source come from different builds"
 #endif
 
