@@ -462,9 +462,9 @@ def check_rear_angle_never_measured(built: Built) -> None:
 
 
 def check_rear_angle_lost_in_a_broken_bus(built: Built) -> None:
-    """Check that the angle is waited for no longer than ANGLE_WAIT_S while single frames come between silences, and once only."""
-    task, cycle = _on_bus(built)
-    straight, waited_max = VehicleMotion(SPEED, 0.0, 0.0), round(ANGLE_WAIT_S / built.software.config.controller.sampling_time_s)
+    """Check that the angle is waited for once, and no longer than ANGLE_WAIT_S, while single frames come between silences."""
+    (task, cycle), straight = _on_bus(built), VehicleMotion(SPEED, 0.0, 0.0)
+    waited_max = round(ANGLE_WAIT_S / built.software.config.controller.sampling_time_s)
 
     def without_command(angle: float) -> list[bool]:
         """Return for each call whether it has no command. A set comes after five silent calls, ten times."""
