@@ -2,11 +2,15 @@
 
 import itertools
 import re
+import tempfile
+from pathlib import Path
 from typing import Any
 
 import bincopy
 
-from codegen.export.calibration.layout import Layout, Values, read_layout
+from codegen.emit.objects import Values
+from codegen.export.calibration.build import BuildCalibration
+from codegen.export.calibration.images import layout_of_a2l
 
 FIRST, SPACING = 0x0801_0000, 0x2_0000
 
@@ -18,14 +22,17 @@ def addressed(a2l: bytes, byte_order: str = "MSB_LAST") -> bytes:
     return text.replace(b"BYTE_ORDER MSB_LAST", f"BYTE_ORDER {byte_order}".encode())
 
 
-def records_of(a2l: bytes, values: Values, prefix: str = "ars") -> Any:
-    """Return an image with the identity of the build and its values at the addresses of an A2L."""
-    layout: Layout = read_layout(a2l, prefix, "A2L")
+def records_of(a2l: bytes, build: BuildCalibration, values: Values | None = None) -> Any:
+    """Return an image with the identity of the build and its values of the build, or others, at the addresses of an A2L."""
+    with tempfile.NamedTemporaryFile(suffix=".a2l") as file:
+        file.write(a2l)
+        file.flush()
+        layout = layout_of_a2l(Path(file.name), build.layout)
     records = bincopy.BinFile()
     records.header = "ecu"
     records.execution_start_address = FIRST
     records.add_binary(layout.build_id.encode() + b"\0", layout.epk_address)
     for each in layout.objects.values():
-        stored = each.raw(values[each.name])
+        stored = each.raw((values or build.values)[each.name])
         records.add_binary(stored.astype(stored.dtype.newbyteorder(layout.byte_order)).tobytes(), each.address)
     return records

@@ -29,8 +29,7 @@ from codegen.errors import CodegenError, one_line
 from codegen.export import runs as exported
 from codegen.export.arxml.export import export
 from codegen.export.calibration.build import BuildCalibration
-from codegen.export.calibration.images import Image
-from codegen.export.calibration.layout import layout_of_a2l
+from codegen.export.calibration.images import Image, layout_of_a2l
 from codegen.export.calibration.sets import CALIBRATION_READERS, merged
 from codegen.export.elf import Elf
 from codegen.identify.names import load_names
@@ -166,7 +165,7 @@ def loaders() -> Mapping[str, Loader]:
         own = _calibration()
         found[f"calibration, {kind}"] = Loader(f"set{kind}", module.write(own.values, own.layout, "test"), _calibrated, 0.5)
     a2l = addressed((BUILD / "ars.a2l").read_bytes())
-    records = records_of(a2l, _calibration().values)
+    records = records_of(a2l, _calibration())
     found["addresses"] = Loader("ecu.a2l", a2l, _placed, 0.2)
     found["image, S-record"] = Loader("ecu.s19", records.as_srec().encode(), _image, 0.2)
     found["image, Intel HEX"] = Loader("ecu.hex", records.as_ihex().encode(), _image, 0.2)

@@ -21,7 +21,7 @@ from codegen.ecu_map.extend import RULE_TEXT, Rule, TotalMap, extend
 from codegen.ecu_map.lookup import Lookup, error_bound
 from codegen.ecu_map.placement import Placed, Request, choose
 from codegen.emit import supervision
-from codegen.emit.a2l_view import a2l_view
+from codegen.emit.a2l_view import a2l, domain_text, manifest_objects
 from codegen.emit.can_view import CanView, task_view
 from codegen.emit.checksum_view import ChecksumView, checksum_view
 from codegen.emit.constants import constants_of
@@ -199,7 +199,7 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
     files = {
         **code.files,
         f"{prefix}.dbc": render("dbc.j2", context),
-        f"{prefix}.a2l": render("a2l.j2", context),
+        f"{prefix}.a2l": a2l(code.facts, config),
         **take_over_files(context),
         **contract_files(context),
         "README.md": render("README.md.j2", context),
@@ -284,7 +284,7 @@ def _code(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         PREFIX=options.prefix.upper(),
         version=__version__,
         epk=BLANK_ID,
-        domain=_domain(total),
+        domain=domain_text(total.friction, total.speed[-1], total.front_angle[-1]),
         sources=tuple(f"src/{options.prefix}_{source}.c" for source in sources),
     )
     lookup = Lookup.from_map(total, numpy_type(options.precision))
@@ -315,7 +315,7 @@ def _code(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         **{name: literal(value, options.precision) for name, value in NAMED_NUMBERS.items()},
     }
     context["checksum"] = checksum_view(config, options.precision, table, context["model"])
-    context["a2l"] = a2l_view(
+    objects = manifest_objects(
         options.prefix, options.precision, context["controller"], context["inputs"], context["limiter"], table, context["can"]
     )
     prefix = options.prefix
@@ -332,7 +332,8 @@ def _code(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
     context["build"] = replace(view, epk=identity)
     bound = error_bound(total, numpy_type(options.precision))
     parts = _Parts(reference_map, config, options, inputs, total, table, bound, placed)
-    return _Code(files, context, parts, _facts(parts, dynamics, context["checksum"], identity))
+    facts = {**_facts(parts, dynamics, context["checksum"], identity), **objects.to_dict()}
+    return _Code(files, context, parts, facts)
 
 
 def _placed(reference_map: ReferenceMap, config: Config, options: BuildOptions) -> Placed | None:
@@ -377,13 +378,6 @@ def _build_id(files: Mapping[str, bytes]) -> str:
     """
     hashes = "".join(f"{hashlib.sha256(text).hexdigest()} {path}\n" for path, text in sorted(files.items()))
     return hashlib.sha256(hashes.encode()).hexdigest()[:8].upper()
-
-
-def _domain(total: TotalMap) -> str:
-    return (
-        f"road friction {total.friction:g}, 0 to {total.speed[-1] / KM_H:.4g} km/h, "
-        f"0 to {np.rad2deg(total.front_angle[-1]):.4g} deg at the front wheels"
-    )
 
 
 def _example(reference_map: ReferenceMap, config: Config) -> Example:

@@ -17,6 +17,7 @@ from codegen.emit.dynamics_view import model_state
 from codegen.emit.inputs_view import inputs_parameters
 from codegen.emit.laws import REAR_ANGLE_MAX_RAD, YAW_RATE_ERROR_MAX_RAD_S, Law, law_of
 from codegen.emit.limiter_view import limiter_parameters
+from codegen.emit.objects import MAP_SPEED, Condition
 from codegen.emit.parameters import (
     RATE_OFF,
     Field,
@@ -249,6 +250,23 @@ class ControllerView:
     def arrays(self) -> tuple[Parameter, ...]:
         """The arrays among the parameters."""
         return tuple(each for each in self.parameters if each.points)
+
+    @property
+    def conditions(self) -> tuple[Condition, ...]:
+        """Conditions between the parameters."""
+        slow = (Condition(left="slow_speed", operator="<=", right=MAP_SPEED, factor=0.25),)
+        waiting = (
+            Condition(left="disable_speed", operator="<", right="enable_speed"),
+            Condition(left="enable_speed", operator="<=", right=MAP_SPEED, factor=0.5),
+        )
+        return (
+            Condition(left="rear_angle_max", operator="<=", right="inputs.rear_angle_max"),
+            *(waiting if self.law.waits_for_speed else slow),
+            Condition(left="inputs.speed_max", operator=">=", right=MAP_SPEED),
+            Condition(left="inputs.speed_max", operator="<=", right="limiter.speed_max"),
+            Condition(left="inputs.front_angle_max", operator="<=", right="limiter.front_angle_max"),
+            Condition(left="limiter.rear_angle_max", operator="<=", right="rear_angle_max"),
+        )
 
     @property
     def points(self) -> dict[str, int]:

@@ -11,6 +11,7 @@ from codegen import configuration
 from codegen.configuration import Kind
 from codegen.configuration.section import needed
 from codegen.emit.folder import MANIFEST, read_manifest
+from codegen.emit.objects import ManifestObjects
 from codegen.errors import BuildError
 
 Numbers = Annotated[list[float], Field(min_length=1)]
@@ -126,7 +127,7 @@ class _Symbol(_Read):
     scale: float | None = None
 
 
-class _Manifest(_Read):
+class _Manifest(_Read, ManifestObjects):
     schema_version: Literal[1]
     name: str
     version: str

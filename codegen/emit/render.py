@@ -21,7 +21,7 @@ from codegen.emit.parameters import Field, Parameter
 from codegen.emit.text import Precision, comment_text, initialiser, lines_of
 from codegen.emit.text import literal as literal_text
 from codegen.errors import BuildError
-from codegen.units import Unit
+from codegen.units import Unit, unit_of
 
 C_TYPES = ("bool", "int16_t", "uint8_t", "uint16_t", "uint32_t")
 """Types of C among those of members."""
@@ -115,6 +115,7 @@ FILTERS: Mapping[str, Callable[..., Any]] = {
     "lines": lines,
     "literal": literal,
     "unit": unit,
+    "unit_of": unit_of,
 }
 """Filters by their names in the templates; `comment` makes any text safe for a C comment or string."""
 

@@ -3,29 +3,22 @@
 from __future__ import annotations
 
 import hashlib
-import re
-from dataclasses import dataclass
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 from typing import Literal
 
-from codegen.emit.a2l_view import INSTANCE, SUPERVISION
-from codegen.emit.folder import read_files, verify_hashes
+from codegen import configuration
+from codegen.emit.a2l_view import ASAP2_TYPES, INSTANCE, SUPERVISION, UNSIGNED, a2l
+from codegen.emit.folder import verify_hashes
 from codegen.emit.manifest import read_build
+from codegen.emit.objects import CalibrationObject, Layout, Measurement
 from codegen.emit.text import comment_text
 from codegen.errors import BuildError
 from codegen.export.elf import Elf, MemoryObject
 
-_BLOCK = re.compile(
-    r"^ *\/begin (?P<kind>AXIS_PTS|CHARACTERISTIC|MEASUREMENT) (?P<name>\S+) .*?^ *\/end (?P=kind)\n", re.DOTALL | re.MULTILINE
-)
 NOT_FOUND_REMEDY = "link the program with this build and compile it with -g; keep the calibration from --gc-sections and -flto"
-_LINK = re.compile(r'SYMBOL_LINK "(?P<path>[^"]*)" 0')
-_ADDRESS = re.compile(r"\b0x00000000\b")
-_AXIS_POINTS = re.compile(r"COM_AXIS \S+ \S+ (\d+)|\w+_BREAKPOINTS 0 \S+ (\d+)")
-_TYPE = re.compile(r"\b(FLOAT32_IEEE|FLOAT64_IEEE|UBYTE|UWORD|ULONG)\b")
-_SIZES = {"REAL": None, "FUNCTION": None, "RAW_FUNCTION": 2, "BREAKPOINTS": None, "COUNT": 2, "CHECKSUM": 4}
-"""Bytes of a number by record layout; None: those of the build's precision."""
-_UNSIGNED = {1: "UBYTE", 2: "UWORD", 4: "ULONG"}
 
 
 @dataclass(frozen=True)
@@ -34,6 +27,7 @@ class Filled:
 
     Attributes:
         text: content of the A2L.
+        layout: the objects of the build with their addresses.
         places: object name -> location.
         left_out: measurements that the program does not contain.
         instance: path of the measured task or controller; "" if there is none.
@@ -42,6 +36,7 @@ class Filled:
     """
 
     text: str
+    layout: Layout
     places: dict[str, MemoryObject]
     left_out: tuple[str, ...]
     instance: str
@@ -69,95 +64,68 @@ def fill(build: Path, elf: Elf, instance: str | None = None) -> Filled:
         BuildError: no build; a program without this build, or with another one; several instances.
     """
     manifest = read_build(build)
-    prefix = str(manifest["options"]["prefix"])
-    path = f"{prefix}.a2l"
-    text = read_files(build, manifest, (path,)).get(path, b"").decode("ascii", "replace")
-    if not text:
-        raise BuildError(f"this build has no {path}", where=build, remedy="build again with this version")
-    epk = _check_same_build(elf, prefix, str(manifest["build_id"]))
-    real = 4 if manifest["options"]["precision"] == "single" else 8
-    found = _found(elf, prefix, instance)
-    blocks = _Blocks(elf, prefix, real, found)
-    text = _BLOCK.sub(lambda block: blocks.filled(block), text)
-    for name in blocks.left_out:
-        text = _without(text, name)
-    data = (*blocks.calibration, epk)
+    layout = Layout.of(manifest, build)
+    epk = _check_same_build(elf, layout.prefix, layout.build_id)
+    found = _found(elf, layout.prefix, instance)
+    calibration = {each.name: _calibrated(elf, each) for each in layout.objects.values()}
+    measured = {each.name: (path, place) for each in layout.measurements for path, place in _measured(elf, each, layout, found)}
+    places = {**calibration, **{name: place for name, (_, place) in measured.items()}}
+    for name, place in places.items():
+        if place.address >= 1 << 32:
+            what = f"{name} lies at 0x{place.address:X}, beyond the 32 bits of an A2L"
+            raise BuildError(what, where=elf.name, remedy="link it elsewhere, on a PC without PIE")
+    data = (*calibration.values(), epk)
     first = min(place.address for place in data)
     segment = (first, max(place.address + place.bytes for place in data) - first)
+    addresses = {name: place.address for name, place in calibration.items()}
+    placed = replace(
+        layout.at(addresses, epk.address, "<" if elf.is_little else ">"),
+        measurements=tuple(_moved(each, *measured[each.name]) for each in layout.measurements if each.name in measured),
+    )
+    config = configuration.parse(manifest["configuration"], "manifest.json: configuration")
+    digest = hashlib.sha256(elf.content).hexdigest()
+    origin = f"Addresses of {comment_text(PurePath(elf.name).name)}, SHA-256 {digest}"
     return Filled(
-        _headed(text, elf, segment, epk),
-        blocks.places,
-        tuple(blocks.left_out),
+        a2l(manifest, config, placed, origin, segment).decode("ascii"),
+        placed,
+        places,
+        tuple(each.name for each in layout.measurements if each.name not in measured),
         found.path,
         segment,
         tuple(verify_hashes(build)),
     )
 
 
-def _without(text: str, name: str) -> str:
-    """Return the A2L without any reference to a measurement."""
-    text = re.sub(rf"^ *{re.escape(name)}\n", "", text, flags=re.MULTILINE)
-    return re.sub(rf"(?<= ){re.escape(name)} (?=\S+ \S)", "NO_INPUT_QUANTITY ", text)
+def _calibrated(elf: Elf, each: CalibrationObject) -> MemoryObject:
+    """Return the location of an object of the calibration. Raises BuildError: the program does not have it in this size."""
+    place = elf.place(each.link)
+    if place is None:
+        raise BuildError(f"no variable {each.link}", where=elf.name, remedy=NOT_FOUND_REMEDY)
+    size, count = each.stored.itemsize, math.prod(each.shape)
+    if (place.size, place.count) != (size, count):
+        raise BuildError(
+            f"{each.name} is {place.count} numbers of {place.size} bytes, in this build {count} of {size}",
+            where=elf.name,
+            remedy="link the program with this build",
+        )
+    return place
 
 
-class _Blocks:
-    """Fills the A2L objects one by one and records their locations."""
+def _measured(elf: Elf, each: Measurement, layout: Layout, instance: _Instance) -> Iterator[tuple[str, MemoryObject]]:
+    """Yield path and location of a measurement if the program has it. Raises BuildError: it has another precision."""
+    path = _path(each.link, layout.prefix, instance)
+    place = None if path is None else elf.place(path)
+    if path is None or place is None:
+        return
+    if place.kind == "float" and place.size != ASAP2_TYPES[each.type][1]:
+        raise BuildError(f"{path} is a number of {place.size} bytes", where=elf.name, remedy="link it with this build")
+    yield path, place
 
-    def __init__(self, elf: Elf, prefix: str, real: int, instance: _Instance) -> None:
-        self.elf, self.prefix, self.real, self.instance = elf, prefix, real, instance
-        self.places: dict[str, MemoryObject] = {}
-        self.calibration: list[MemoryObject] = []
-        self.left_out: list[str] = []
 
-    def filled(self, block: re.Match[str]) -> str:
-        text, name = block[0], block["name"]
-        link = _LINK.search(text)
-        if link is None or len(_ADDRESS.findall(text)) != 1:
-            raise BuildError(f"{name} is not as it was built", where=f"{self.prefix}.a2l", remedy="build again")
-        if block["kind"] == "MEASUREMENT":
-            return self._measurement(text, name, link["path"])
-        place = self.elf.place(link["path"])
-        if place is None:
-            raise BuildError(
-                f"no variable {link['path']}",
-                where=self.elf.name,
-                remedy=NOT_FOUND_REMEDY,
-            )
-        self._check(text, name, place)
-        self.calibration.append(place)
-        return self._with(text, name, place)
-
-    def _measurement(self, text: str, name: str, link: str) -> str:
-        path = _moved(link, self.prefix, self.instance)
-        place = None if path is None else self.elf.place(path)
-        if path is None or place is None:
-            self.left_out.append(name)
-            return ""
-        if place.kind != "float":
-            text = _TYPE.sub(_UNSIGNED[place.size], text, count=1)
-        elif place.size != self.real:
-            raise BuildError(f"{path} is a number of {place.size} bytes", where=self.elf.name, remedy="link it with this build")
-        return self._with(text.replace(f'"{link}"', f'"{path}"'), name, place)
-
-    def _with(self, text: str, name: str, place: MemoryObject) -> str:
-        if place.address >= 1 << 32:
-            what = f"{name} lies at 0x{place.address:X}, beyond the 32 bits of an A2L"
-            raise BuildError(what, where=self.elf.name, remedy="link it elsewhere, on a PC without PIE")
-        self.places[name] = place
-        return _ADDRESS.sub(f"0x{place.address:08X}", text)
-
-    def _check(self, text: str, name: str, place: MemoryObject) -> None:
-        layout = next(each for each in _SIZES if re.search(rf"\b{self.prefix}_{each} 0 ", text))
-        size = _SIZES[layout] or self.real
-        count = 1
-        for points in _AXIS_POINTS.finditer(text):
-            count *= int(points[1] or points[2])
-        if (place.size, place.count) != (size, count):
-            raise BuildError(
-                f"{name} is {place.count} numbers of {place.size} bytes, in this build {count} of {size}",
-                where=self.elf.name,
-                remedy="link the program with this build",
-            )
+def _moved(each: Measurement, path: str, place: MemoryObject) -> Measurement:
+    """Return a measurement with the type and location that it has in the program."""
+    kind = each.type if place.kind == "float" else UNSIGNED[place.size]
+    return each.model_copy(update={"link": path, "type": kind, "address": place.address})
 
 
 def _check_same_build(elf: Elf, prefix: str, identity: str) -> MemoryObject:
@@ -198,7 +166,7 @@ def _found(elf: Elf, prefix: str, wanted: str | None) -> _Instance:
     return _Instance("", "none")
 
 
-def _moved(link: str, prefix: str, instance: _Instance) -> str | None:
+def _path(link: str, prefix: str, instance: _Instance) -> str | None:
     """Replace the build's object name in a path by the program's; None if that object has no such member."""
     inside = link.removeprefix(f"{prefix}_{INSTANCE}")
     if instance.what == "task":
@@ -208,21 +176,3 @@ def _moved(link: str, prefix: str, instance: _Instance) -> str | None:
     if instance.what == "controller" and inside.startswith(".controller."):
         return instance.path + inside.removeprefix(".controller")
     return None
-
-
-def _headed(text: str, elf: Elf, segment: tuple[int, int], epk: MemoryObject) -> str:
-    digest = hashlib.sha256(elf.content).hexdigest()
-    address, size = segment
-    byte_order = "MSB_LAST" if elf.is_little else "MSB_FIRST"
-    origin = f"Addresses of {comment_text(PurePath(elf.name).name)}, SHA-256 {digest}"
-    for pattern, new in (
-        (r"(?<=/begin HEADER \")[^\"]*", f"Made by codegen; do not edit, build again. {origin}"),
-        (r"(?<=BYTE_ORDER )MSB_\w+", byte_order),
-        (r"(?<= BYTE_ORDER_)MSB_\w+(?= ADDRESS)", byte_order),
-        (r"(?<=ADDR_EPK )0x00000000", f"0x{epk.address:08X}"),
-        (r"(?<=INTERN )0x00000000 0x0\b", f"0x{address:08X} 0x{size:X}"),
-    ):
-        text, count = re.subn(pattern, new, text, flags=re.MULTILINE)
-        if count != 1:
-            raise BuildError("its header is not as it was built", where="the build's A2L", remedy="build again")
-    return text

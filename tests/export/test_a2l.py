@@ -12,6 +12,8 @@ import pytest
 
 from codegen.configuration import parse
 from codegen.configuration.xcp import NATIVE_COMMANDS
+from codegen.emit.a2l_view import a2l
+from codegen.emit.manifest import read_build
 from codegen.emit.text import Precision
 from codegen.errors import BuildError
 from codegen.export import elf as elf_module
@@ -255,6 +257,12 @@ def test_a_program_of_another_build_is_rejected(tmp_path: Path, words: str) -> N
         fill(BUILD, Elf.read(UNSUITABLE[words](tmp_path)))
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_the_a2l_is_rendered_from_the_manifest() -> None:
+    """Of a build that was read from disk, it has the same bytes as from the generator."""
+    manifest = read_build(BUILD)
+    assert a2l(manifest, parse(manifest["configuration"], "manifest")) == (BUILD / "ars.a2l").read_bytes()
 
 
 def test_a_damaged_program_is_reported_in_one_line(tracking: Linked) -> None:

@@ -24,12 +24,12 @@ from codegen.emit.controller_view import controller_parameters
 from codegen.emit.folder import Folder, read_manifest
 from codegen.emit.inputs_view import inputs_parameters
 from codegen.emit.limiter_view import limiter_parameters
+from codegen.emit.objects import Values
 from codegen.errors import BuildError, CodegenError
 from codegen.export.calibration.build import BuildCalibration
 from codegen.export.calibration.convert import map_of, toml_of
 from codegen.export.calibration.images import Image
 from codegen.export.calibration.labels import number_text
-from codegen.export.calibration.layout import Values
 from codegen.export.calibration.sets import CALIBRATION_READERS, merged, read_set
 from codegen.figures.draw import draw
 from codegen.report.calibration_plots import ValueChange, calibration_picture
@@ -100,7 +100,7 @@ def another(build: BuildCalibration) -> Values:
     for each in build.layout.objects.values():
         if each.dtype.kind == "f":
             scaled = np.clip(values[each.name] * each.dtype.type(1 - 1 / 4099), each.low, each.high).astype(each.dtype)
-            trial = {**values, each.name: each.physical(each.raw(scaled))}
+            trial = {**values, each.name: each.physical_values(each.raw(scaled))}
             try:
                 build.check(trial, {})
             except CodegenError:
@@ -616,13 +616,13 @@ def test_records_are_patched_only_where_values_change(name: str, order: str, suf
     build = loaded(name)
     a2l, path = tmp_path / "ecu.a2l", tmp_path / f"ecu{suffix}"
     a2l.write_bytes(addressed((build.folder / "ars.a2l").read_bytes(), order))
-    records = records_of(a2l.read_bytes(), build.values)
+    records = records_of(a2l.read_bytes(), build)
     path.write_text(records.as_srec() if suffix == ".s19" else records.as_ihex())
     image = Image.load(path, a2l, build.folder, build.layout)
     assert all(np.array_equal(found, build.values[each]) for each, found in image.read().items())
     values = another(build)
     before, after = bytes_of(path.read_text()), bytes_of(image.patched(values).decode())
-    wanted = bytes_of(records_of(a2l.read_bytes(), values).as_srec())
+    wanted = bytes_of(records_of(a2l.read_bytes(), build, values).as_srec())
     assert after == wanted != before
     assert bytes_of(image.patched(build.values).decode()) == before
 

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 from codegen.emit.a2l_view import OF_THE_ANGLE
-from codegen.export.calibration.layout import layout_of_build
+from codegen.emit.manifest import read_build
+from codegen.emit.objects import Layout
 from codegen.export.fmu.export import make_fmu
 from codegen.export.fmu.variables import Version, What
 from codegen.sil.closed_loop import ClosedLoop
@@ -110,8 +111,8 @@ def test_every_parameter_starts_at_the_value_of_the_build(version: Version) -> N
 def test_descriptions_and_ranges_of_parameters_are_those_of_the_a2l(version: Version) -> None:
     default = "ars_parameters_default."
     of_the_a2l = {
-        each.link.removeprefix(default): (each.text, each.low, each.high)
-        for each in layout_of_build(BUILDS["tracking"]).objects.values()
+        each.link.removeprefix(default): (each.meaning, each.low, each.high)
+        for each in Layout.of(read_build(BUILDS["tracking"])).objects.values()
         # The A2L bounds two of the limiter by rear_angle_max. An FMU takes any count; the C rejects it in the next step.
         if each.link.startswith(default)
         and each.link.removeprefix(f"{default}limiter.") not in OF_THE_ANGLE

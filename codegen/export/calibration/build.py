@@ -6,7 +6,6 @@ those of the generated code, so this module repeats none of their rules.
 
 from __future__ import annotations
 
-import re
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -20,8 +19,8 @@ from codegen.arrays import FloatArray
 from codegen.configuration import Config, parse
 from codegen.emit.folder import read_files, verify_hashes
 from codegen.emit.manifest import read_build
+from codegen.emit.objects import CalibrationObject, Layout, Numbers, Values
 from codegen.errors import BuildError, CodegenError
-from codegen.export.calibration.layout import CalibrationObject, Layout, Numbers, Values, layout_of_build
 from codegen.sil.compile import DEFAULT_FLAGS, Library, compile_library
 from codegen.sil.software import writable_flags
 
@@ -49,12 +48,12 @@ class BuildCalibration:
     values: Values
     edited: tuple[str, ...]
     _library: Library
-    _source: str
 
     @classmethod
     def load(cls, folder: Path) -> Self:
         """Compile a build and read its values. Raises BuildError: no build, no compiler, or its own values are rejected."""
-        manifest, layout = read_build(folder), layout_of_build(folder)
+        manifest = read_build(folder)
+        layout = Layout.of(manifest, folder)
         files = read_files(folder, manifest, ("include/", "src/"))
         public = [path for path in files if path.startswith("include/") and not path.endswith("_sections.h")]
         sources = {**files, **_access(layout, public)}
@@ -65,12 +64,11 @@ class BuildCalibration:
             include_folders=("include", "calibration"),
             flags=(*DEFAULT_FLAGS, *writable_flags(layout.prefix)),
         )
-        source = files[f"src/{layout.prefix}_parameters.c"].decode("ascii", "replace")
         values: Values = {}
         with _using:
             for index, each in enumerate(layout.objects.values()):
-                values[each.name] = each.physical(_memory(library, index, each).copy())
-        own = cls(folder, manifest, layout, values, tuple(verify_hashes(folder)), library, source)
+                values[each.name] = each.physical_values(_memory(library, index, each).copy())
+        own = cls(folder, manifest, layout, values, tuple(verify_hashes(folder)), library)
         own.check(values, {})
         return own
 
@@ -133,16 +131,9 @@ class BuildCalibration:
         return CodegenError(what, where=_where(origins, first), remedy=remedy)
 
     def _conditions(self, name: str) -> list[str]:
-        """Return the conditions in the C of the build that contain a parameter and another number with a name."""
-        field = self.layout.objects[name].link.removeprefix(f"{self.layout.prefix}_parameters_default.")
-        found = []
-        for line in self._source.splitlines():
-            condition = line.strip().removeprefix("&& ").rstrip(";").replace("parameters->", "")
-            sides = re.split(" <= | >= | < ", condition)
-            names = [re.findall(r"[A-Za-z_][\w.]*", side) for side in sides]
-            if condition.startswith("(") and len(sides) == 2 and all(names) and field in (names[0][0], names[1][0]):
-                found.append(condition[1:-1])
-        return found
+        """Return the conditions of the build between a parameter and others."""
+        path = self.layout.objects[name].link.removeprefix(f"{self.layout.prefix}_parameters_default.")
+        return [str(each) for each in self.layout.conditions if path in (each.left, each.right)]
 
     def _conflicts(self, values: Values) -> list[str]:
         """Return the objects whose values cause a rejection: each one alone, as far as one alone does."""
@@ -202,7 +193,7 @@ def _memory(library: Library, index: int, each: CalibrationObject) -> Numbers:
     """Return a view of an object in the memory of the library. Raises BuildError if its size in C is another one."""
     size = library.lib.calibration_bytes(index)
     if size != each.bytes:
-        raise BuildError(f"{size} bytes in C, {each.bytes} in the A2L", where=each.name, remedy="build again")
+        raise BuildError(f"{size} bytes in C, {each.bytes} in the manifest", where=each.name, remedy="build again")
     view: Numbers = np.frombuffer(library.ffi.buffer(library.lib.calibration_object(index), size), dtype=each.stored)
     return view.reshape(each.shape)
 

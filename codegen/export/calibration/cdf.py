@@ -13,9 +13,9 @@ from xml.etree import ElementTree
 from xml.parsers import expat
 
 from codegen import __version__
+from codegen.emit.objects import CalibrationObject, Kind, Layout, Numbers, Values
 from codegen.errors import CodegenError
 from codegen.export.calibration.labels import READ_REMEDY, Label, begins_with, number_text
-from codegen.export.calibration.layout import CalibrationObject, Kind, Layout, Numbers, Values
 from codegen.importing.xml_head import refuse_declarations
 
 _BOOLEANS = {"true": "1", "false": "0"}
@@ -147,7 +147,7 @@ def _add(parent: ElementTree.Element, tag: str, text: str | None = None) -> Elem
 def _add_instance(tree: ElementTree.Element, each: CalibrationObject, values: Values, layout: Layout) -> None:
     instance = _add(tree, "SW-INSTANCE")
     _add(instance, "SHORT-NAME", each.name)
-    _add(instance, "LONG-NAME", each.text)
+    _add(instance, "LONG-NAME", each.meaning)
     _add(instance, "CATEGORY", _CATEGORIES[each.kind])
     content = _add(instance, "SW-VALUE-CONT")
     _add(content, "UNIT-DISPLAY-NAME", each.unit)

@@ -16,10 +16,10 @@ from codegen.configuration import CONFIG_BYTES_MAX, Config, parse
 from codegen.ecu_map.total import Rule
 from codegen.emit.controller_view import parameters_by_path
 from codegen.emit.laws import is_untuned
+from codegen.emit.objects import PARAMETER_GROUPS, Numbers, Values
 from codegen.emit.parameters import Parameter
 from codegen.errors import ConfigError, MapError
 from codegen.export.calibration.build import BuildCalibration
-from codegen.export.calibration.layout import Numbers, Values
 from codegen.files import read_text
 from codegen.importing.toml_edit import replace_values, whole
 from codegen.map_file import map as npz
@@ -100,7 +100,7 @@ def _chosen_keys(values: Values, base: Config, build: BuildCalibration) -> dict[
     Arrays over the same breakpoints are written together.
     """
     own = _parameters(base, build.layout.prefix)
-    if missing := own.keys() ^ {name for name in build.values if name.split(".")[1] in ("parameters", "inputs", "limiter")}:
+    if missing := own.keys() ^ {name for name, each in build.layout.objects.items() if each.group in PARAMETER_GROUPS}:
         raise ConfigError(
             f"the configuration is of another kind of controller: {min(missing)} is only in one of both",
             remedy="give the ars.toml of this build",

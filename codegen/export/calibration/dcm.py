@@ -6,9 +6,9 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+from codegen.emit.objects import CalibrationObject, Kind, Layout, Numbers, Values
 from codegen.errors import CodegenError
 from codegen.export.calibration.labels import READ_REMEDY, Label, begins_with, number_text, text_of
-from codegen.export.calibration.layout import CalibrationObject, Kind, Layout, Numbers, Values
 
 _KINDS: dict[str, Kind] = {
     "FESTWERT": "VALUE",
@@ -116,7 +116,7 @@ def write(values: Values, layout: Layout, title: str) -> bytes:
 def _block(each: CalibrationObject, values: Values, layout: Layout) -> Iterator[str]:
     axes = [layout.objects[name] for name in each.axes]
     yield " ".join([_WRITTEN[each.kind], each.name, *map(str, each.shape[::-1])])
-    yield f'   LANGNAME "{each.text}"'
+    yield f'   LANGNAME "{each.meaning}"'
     if each.kind == "AXIS":
         yield f'   EINHEIT_X "{each.unit}"'
         yield from _lines("ST/X", values[each.name])

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
+from codegen.emit.objects import CalibrationObject, Layout, Values
 from codegen.emit.text import comment_text
 from codegen.errors import BuildError, CodegenError
 from codegen.export.a2l import fill
-from codegen.export.calibration.layout import CalibrationObject, Layout, Values, layout_of_a2l, read_layout
 from codegen.export.elf import ELF_BYTES_MAX, Elf
 from codegen.files import read_file, refuse_empty, refuse_utf16
 from codegen.limits import Limits
@@ -28,6 +29,15 @@ PIECES_MAX, RECORDS_AT_A_TIME = 1000, 1000
 _IHEX_BASES = ("02", "04")
 """Types of the records of Intel HEX that set the base of the addresses in the lines that follow."""
 _SREC_BITS = {b"S1": 16, b"S2": 24, b"S3": 32}
+
+A2L_BYTES_MAX = 16 * 2**20
+_ADDRESS = re.compile(
+    r"/begin (?:AXIS_PTS|CHARACTERISTIC) (?P<name>\S+) \"[^\"]*\"\s+(?:(?:VALUE|CURVE|MAP)\s+)?"
+    r"(?P<address>0x[0-9A-Fa-f]{1,8})\s"
+)
+_EPK = re.compile(r'ADDR_EPK (0x[0-9A-Fa-f]{1,8})\s+EPK "([^"]*)"')
+_BYTE_ORDER = re.compile(r"BYTE_ORDER (MSB_FIRST|MSB_LAST)")
+"""What a user's A2L must have: the addresses. Everything else about the objects comes from the manifest."""
 
 Format = Literal["ELF", "S-record", "Intel HEX"]
 
@@ -63,7 +73,7 @@ class Image:
             if addresses is not None:
                 raise CodegenError("has no effect on an ELF, which has its own", where="`addresses=`", remedy="leave it out")
             elf = Elf(str(path), content)
-            return cls(path, "ELF", _layout_of_elf(elf, build, layout), elf)
+            return cls(path, "ELF", fill(build, elf).layout, elf)
         records = _records(content, path)
         if addresses is None:
             raise CodegenError(
@@ -96,7 +106,7 @@ class Image:
                 what = f"has no initial bytes for {each.name} at 0x{each.address:08X}"
                 raise BuildError(what, where=self.path, remedy="give the image of the whole program")
             stored = np.frombuffer(data, dtype=self._stored(each)).reshape(each.shape)
-            values[each.name] = each.physical(stored.astype(each.stored))
+            values[each.name] = each.physical_values(stored.astype(each.stored))
         return values
 
     def patched(self, values: Values) -> bytes:
@@ -132,10 +142,6 @@ class Image:
         return None
 
 
-def _layout_of_elf(elf: Elf, build: Path, layout: Layout) -> Layout:
-    return read_layout(fill(build, elf).text.encode("ascii"), layout.prefix, elf.name)
-
-
 def _placed(addresses: Path, build: Path, layout: Layout) -> Layout:
     """Return the layout with the addresses at which a programmer writes, of an ELF or an A2L."""
     content = read_file(addresses, ELF_BYTES_MAX, "give the ELF of the image, or its A2L", BuildError)
@@ -143,11 +149,27 @@ def _placed(addresses: Path, build: Path, layout: Layout) -> Layout:
     if not content.startswith(ELF_MAGIC):
         return layout_of_a2l(addresses, layout)
     elf = Elf(str(addresses), content)
-    found = _layout_of_elf(elf, build, layout)
-    objects: Mapping[str, CalibrationObject] = {
-        name: replace(each, address=elf.load_address(each.address, each.bytes)) for name, each in found.objects.items()
-    }
-    return replace(found, objects=objects, epk_address=elf.load_address(found.epk_address, len(found.build_id)))
+    found = fill(build, elf).layout
+    addresses_in_image = {name: elf.load_address(each.address, each.bytes) for name, each in found.objects.items()}
+    return found.at(addresses_in_image, elf.load_address(found.epk_address, len(found.build_id)), found.byte_order)
+
+
+def layout_of_a2l(path: Path, build: Layout) -> Layout:
+    """Return the layout with the addresses in an A2L. Raises BuildError: `codegen a2l` did not make it of this build."""
+    remedy = "make it with codegen a2l"
+    content = read_file(path, A2L_BYTES_MAX, remedy, BuildError)
+    refuse_utf16(content, path, BuildError)
+    text = content.decode("ascii", "replace")
+    addresses = {each["name"]: int(each["address"], 16) for each in _ADDRESS.finditer(text)}
+    epk, order = _EPK.search(text), _BYTE_ORDER.search(text)
+    if epk is None or order is None or addresses.keys() != build.objects.keys():
+        raise BuildError("not an A2L as this version writes it", where=path, remedy="build again with this version")
+    if epk[2] != build.build_id:
+        raise BuildError(f"it is of another build than {build.build_id}", where=path, remedy=remedy)
+    epk_address = int(epk[1], 16)
+    if not (epk_address and all(addresses.values())):
+        raise BuildError("it has no addresses", where=path, remedy=remedy)
+    return build.at(addresses, epk_address, ">" if order[1] == "MSB_FIRST" else "<")
 
 
 def _records(content: bytes, path: Path) -> Any:

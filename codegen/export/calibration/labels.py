@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from codegen.emit.objects import CalibrationObject, Kind, Layout, Numbers, Values
 from codegen.errors import CodegenError, suggestion
-from codegen.export.calibration.layout import CalibrationObject, Kind, Layout, Numbers, Values
 from codegen.files import decoded, refuse_utf16
 
 CALIBRATION_BYTES_MAX = 64 * 2**20

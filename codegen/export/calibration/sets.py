@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from codegen.arrays import FloatArray
+from codegen.emit.objects import CalibrationObject, Layout, Values
 from codegen.errors import CodegenError
 from codegen.export.calibration import cdf, dcm
 from codegen.export.calibration.build import BuildCalibration
 from codegen.export.calibration.labels import CALIBRATION_BYTES_MAX, READ_REMEDY, python_numbers, values_of
-from codegen.export.calibration.layout import CalibrationObject, Layout, Values
 from codegen.files import read_file, refuse_empty
 from codegen.limits import Limits
 
