@@ -29,7 +29,7 @@ from codegen.export.a2l import fill
 from codegen.export.elf import Elf
 from codegen.export.fmu import layers
 from codegen.export.fmu.description import Description, build_description, model_description
-from codegen.export.fmu.model_view import MODEL_TITLES, ROOTS, context, row, step_size
+from codegen.export.fmu.model_view import MODEL_TITLES, context, row, step_size, uses_unit
 from codegen.export.fmu.variables import WITH_BUS, Variable, Version, What, parameter_variables, variables_of
 from codegen.requirements import missing, pip_install
 from codegen.sil.compile import DEFAULT_FLAGS
@@ -115,21 +115,10 @@ def compile_binary(sources: Mapping[str, bytes], name: str, flags: Sequence[str]
             ) from error
 
 
-_INCLUDE = re.compile(rb'^#include "([^"]+)"', re.MULTILINE)
-
-
 def build_sources(what: What, files: Mapping[str, bytes], prefix: str) -> dict[str, bytes]:
-    """Return name -> content of the sources of a build that a model uses, and of every header and source they depend on."""
-    named = {PurePosixPath(path).name: content for path, content in files.items()}
-    found: dict[str, bytes] = {}
-    waiting = [f"{prefix}_{root}" for root in ROOTS[what]]
-    while waiting:
-        name = waiting.pop()
-        if name in named and name not in found:
-            found[name] = named[name]
-            waiting += [included.decode("ascii", "replace") for included in _INCLUDE.findall(named[name])]
-            waiting.append(f"{name.removesuffix('.h')}.c")
-    return found
+    """Return name -> content of the headers and sources of a build that a model uses."""
+    named = {PurePosixPath(path): content for path, content in files.items()}
+    return {path.name: content for path, content in named.items() if uses_unit(what, path.stem.removeprefix(f"{prefix}_"))}
 
 
 def model_sources(

@@ -32,14 +32,25 @@ _STORAGE = {
 _LARGEST = {"float": "FLT_MAX", "bool": "1.0"}
 
 
-ROOTS: Mapping[What, Sequence[str]] = {
-    "controller": ("controller.h", "calibration.c"),
+HEADERS: Mapping[What, Sequence[str]] = {
+    "controller": ("controller.h",),
     "plant": (),
-    "loop": ("controller.h", "calibration.c"),
-    "ecu": ("task.h", "calibration.c"),
+    "loop": ("controller.h",),
+    "ecu": ("task.h",),
     "bus_plant": ("can.h", "e2e.h"),
 }
-"""Files of a build, without their prefix, that a model needs, with everything that they include."""
+"""Headers of a build, without their prefix, that a model includes."""
+
+_OF_THE_BUS = ("can", "e2e", "supervision", "task")
+_APART = ("dynamics", "selftest")
+"""Units of a build that no other unit includes."""
+
+
+def uses_unit(what: What, unit: str) -> bool:
+    """Return whether a model needs a unit of a build, named without the prefix."""
+    if what in ("plant", "bus_plant"):
+        return what == "bus_plant" and unit in ("sections", "can", "e2e")
+    return unit not in (_APART if what == "ecu" else (*_APART, *_OF_THE_BUS))
 
 
 def step_size(what: What, config: Config) -> float:
@@ -55,7 +66,7 @@ def _model(what: What, config: Config, prefix: str, variables: Sequence[Variable
     has_plant, has_controller = what in ("plant", "loop", "bus_plant"), what in ("controller", "loop")
     steps = round(config.controller.sampling_time_s / config.plant.sampling_time_s)
     named = [each for each in variables if each.member and "." not in each.member]
-    own = [f"{prefix}_{root}" for root in ROOTS[what] if root.endswith(".h")]
+    own = [f"{prefix}_{header}" for header in HEADERS[what]]
     clock, interval, shift = _periodic_clock(variables)
     numbers = {
         **({"actuator_return_step": _return_step(config)} if what == "bus_plant" else {}),
