@@ -354,6 +354,7 @@ def test_names_and_values_of_cases() -> None:
         (b"[vehicle]\nmass_kg = 2000\nmass_kg = 2000\n", "line 3,"),
         (b"[vehicle]\nmass_kg = 3200,5 # kg\n", "line 2, column 15); write a decimal point: 3200.5"),
         (b"[vehicle]\nmass_kg = 3.200,0\r\n", "line 2, column 16); write a decimal point, and none between thousands: 3200.0"),
+        (b"[vehicle]\nmass_kg = 5_376,43\n", "line 2, column 16); write a decimal point: 5376.43"),
         (b"[vehicle]\nmass_kg = 3,2e3\n", "line 2, column 12); write a decimal point: 3.2e3"),
         (
             b"[can.vehicle_motion]\nspeed = { factor = 0,005, length = 16 }\n",

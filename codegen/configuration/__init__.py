@@ -504,8 +504,8 @@ def parse_toml(text: str, where: object, kind: type[CodegenError]) -> dict[str, 
 
 
 _TOML_LINE = re.compile(r"\(at line (\d+), column \d+\)|\(at end of document\)")
-_COMMA = r"[+-]?\d+(?:\.\d{3})*,\d+(?:[eE][+-]?\d+)?"
-"""A number with a decimal comma, and points between its thousands."""
+_COMMA = r"[+-]?\d+(?:[._]\d{3})*,\d+(?:[eE][+-]?\d+)?"
+"""A number with a decimal comma, and points or underscores between its thousands."""
 _ENTRY = rf"(?:{_COMMA}|[+-]?\d[\d.eE+-]*)"
 _DECIMAL_COMMA = re.compile(rf"=[ \t]*({_COMMA})(?=[ \t]*(?:[,}}#\r]|\Z))")
 _LIST_WITH_COMMAS = re.compile(
@@ -515,7 +515,7 @@ _LIST_WITH_COMMAS = re.compile(
 
 
 def _with_point(number: re.Match[str]) -> str:
-    return number[0].replace(".", "").replace(",", ".")
+    return number[0].replace(".", "").replace("_", "").replace(",", ".")
 
 
 def _comma_named(error: ConfigError, text: str) -> ConfigError:

@@ -53,7 +53,7 @@ class Map(Result):
     def __init__(self, reference_map: ReferenceMap, path: Path | None = None, data: bytes | None = None) -> None:
         self.reference_map, self.path = reference_map, path
         self._data = data
-        self.notes: tuple[str, ...] = ()
+        self.notes: tuple[str, ...] = reference_map.notes
         self.warnings: tuple[str, ...] = tuple(filter(None, [beyond_grip(reference_map)]))
 
     @classmethod

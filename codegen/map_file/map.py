@@ -134,6 +134,11 @@ class ReferenceMap:
         return replace(layer, map=own)
 
     @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know of the file."""
+        return tuple(f"{key}: not a key of a map; ignored" for key in self.ignored)
+
+    @property
     def lateral_acceleration(self) -> FloatArray:
         """Lateral acceleration (n, m) of the steady turns in m/s^2."""
         return np.asarray(self.speed[:, np.newaxis] * self.yaw_rate)
@@ -406,7 +411,7 @@ def choose_config(reference_map: ReferenceMap | None, given: Path | Config | Non
     """
     own = reference_map.config if reference_map is not None else None
     cases = None if reference_map is None else [reference_map.case]
-    ignored = () if reference_map is None else tuple(f"{key}: not a key of a map; ignored" for key in reference_map.ignored)
+    ignored = () if reference_map is None else reference_map.notes
     if given is not None:
         config, source = (given, GIVEN) if isinstance(given, Config) else (configuration.load(given), given.name)
         notes = (*ignored, *_notes_on_design(config))

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from codegen import configuration
+from codegen import configuration, load_map
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.write import write_folder
 from codegen.errors import MapError
@@ -127,6 +127,7 @@ def test_another_key_in_a_table_without_meta_is_ignored_with_a_note(tmp_path: Pa
     loaded = refmap.load(tmp_path / "map.npz")
     assert loaded.ignored == ("notes",)
     assert "notes: not a key of a map; ignored" in choose_config(loaded, None).notes
+    assert load_map(tmp_path / "map.npz").notes == ("notes: not a key of a map; ignored",)
     refmap.save(loaded, tmp_path / "saved.npz")
     assert refmap.load(tmp_path / "saved.npz").ignored == ()
 
