@@ -21,9 +21,9 @@ from codegen.ecu_map.placement import Request
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.folder import Folder
 from codegen.optimum.solve import solve_case, solve_stack
-from codegen.verify.budgets.measure import Count, measure_step
-from codegen.verify.budgets.program import Program
+from codegen.verify.machine_code import Program
 from codegen.verify.outcomes import Effort, Subject
+from codegen.verify.resource_usage import Count, measure_step
 from codegen.verify.target import DATA, Processor, compile_image
 from hil_sim.suite.requirements import STEP_INSTRUCTIONS_MAX
 

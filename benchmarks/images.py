@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from typing import Any
 
-from codegen.verify.packages import module
+from codegen.verify.tools import module
 
 
 def flash_bytes(image: bytes) -> int:

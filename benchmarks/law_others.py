@@ -14,8 +14,8 @@ from codegen import configuration
 from codegen.judgement.bench import Bench
 from codegen.judgement.drives import drive_dwells, drive_sweep
 from codegen.judgement.lane_change import DRIVERS, lane_change_figures
-from codegen.verify.budgets.measure import CYCLE, measure
 from codegen.verify.outcomes import Effort, Subject
+from codegen.verify.resource_usage import CYCLE, measure
 from hil_sim.suite import cars
 from hil_sim.suite.cells import NOMINAL
 from hil_sim.suite.full_suite import Job

@@ -25,7 +25,7 @@ from codegen.programs import run_program
 from codegen.requirements import Requirement, extras_of, pip_install, requirements
 from codegen.sil.toolchain import compiler_command, compiler_identity
 from codegen.verify import cbmc
-from codegen.verify.packages import MissingTool
+from codegen.verify.tools import MissingTool
 
 PERIOD = 0.001
 """Step of the plant, in s."""

@@ -17,8 +17,8 @@ from codegen.library.result import PathLike, Progress, Result, Work, drawn, path
 from codegen.library.verification import without_main
 from codegen.report.reference_tables import reference_sections
 from codegen.report.suite_tables import car_failures, car_sections, failures, sections
-from codegen.verify.budgets.measure import measure_step
 from codegen.verify.outcomes import Effort, Subject
+from codegen.verify.resource_usage import measure_step
 from hil_sim.suite import cars as random_cars
 from hil_sim.suite import full_suite, references
 from hil_sim.suite.cars import DEVELOPMENT_SEED
@@ -196,7 +196,7 @@ def _shortened(missed: Sequence[str]) -> str:
 
 
 def instructions_of_step(files: Mapping[str, bytes], manifest: Mapping[str, Any]) -> int:
-    """Count the instructions of the longest step found. Raises CodegenError: see `codegen.verify.budgets.measure`."""
+    """Count the instructions of the longest step found. Raises CodegenError: see `codegen.verify.resource_usage`."""
     count = measure_step(Subject("the tested build", files, manifest), Effort())
     return (count.instructions_with_limiter or count.instructions).max
 

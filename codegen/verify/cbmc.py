@@ -21,7 +21,7 @@ from codegen.cache import cache_folder
 from codegen.emit.render import verbatim
 from codegen.errors import CodegenError, one_line
 from codegen.programs import run_program
-from codegen.verify.packages import MissingTool
+from codegen.verify.tools import MissingTool
 
 INSTALL = f"{Path(sys.executable).name} -m codegen.verify.cbmc"
 """The line that installs both."""

@@ -22,8 +22,9 @@ from codegen.errors import BuildError
 from codegen.sil.software import Software
 from codegen.verify.cbmc import Cbmc, installed
 from codegen.verify.on_host import software_of
-from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict, stored
+from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict
 from codegen.verify.states import fields, initialised_states
+from codegen.verify.tools import stored
 
 Proof = Literal["proved", "failed", "open"]
 TIME_LIMIT_S, QUICK_TIME_LIMIT_S = 300.0, 20.0

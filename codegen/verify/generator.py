@@ -24,14 +24,14 @@ from codegen.sil.software import Software
 from codegen.sil.toolchain import compiler_command, compiler_identity
 from codegen.verify import parameter_sets, states
 from codegen.verify.drives import Thresholds, places, road_frictions
+from codegen.verify.dynamics_bound import points
+from codegen.verify.emulated_batches import OnHost, Program, dynamics_program_of, program_of
+from codegen.verify.emulated_runs import streams
+from codegen.verify.emulated_streams import Stream, format_word, streams_of
 from codegen.verify.long_drives import LongDrives
 from codegen.verify.on_host import MightNotReturn, compiled, require_compiler, software_of
 from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict
 from codegen.verify.parameter_sets import value_of
-from codegen.verify.pil.batches import OnHost, Program, dynamics_program_of, program_of
-from codegen.verify.pil.dynamics_bound import points
-from codegen.verify.pil.emulated_runs import streams
-from codegen.verify.pil.streams import Stream, format_word, streams_of
 from codegen.verify.unit_drives import SIZE, SIZE_QUICK, Drive, UnitDrives
 
 STEPS, QUICK_STEPS = 100_000, 20_000

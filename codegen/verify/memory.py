@@ -20,8 +20,8 @@ from dataclasses import dataclass
 
 from codegen.emit.contracts.files import FOLDER, frama_c_command
 from codegen.programs import run_program
-from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict, stored
-from codegen.verify.packages import MissingTool
+from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict
+from codegen.verify.tools import MissingTool, stored
 
 SHOWS = (
     "No public function reads or writes outside an object, uses an uninitialised or dangling pointer, or is otherwise undefined"

@@ -11,7 +11,7 @@ from codegen.sil.compile import DEFAULT_FLAGS
 from codegen.sil.software import Software, compile_build
 from codegen.sil.toolchain import compiler_identity, find_compiler, run
 from codegen.verify.outcomes import Subject
-from codegen.verify.packages import MissingTool
+from codegen.verify.tools import MissingTool
 
 HOST_FLAGS = tuple(flag for flag in DEFAULT_FLAGS if flag != "-Werror")
 """Flags for this machine's compiler. Another check judges its warnings."""

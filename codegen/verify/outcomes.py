@@ -6,10 +6,8 @@ if it cannot run; see `codegen.verify.runner`.
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
-import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
@@ -21,7 +19,6 @@ from codegen.configuration import Config
 from codegen.emit.folder import MANIFEST, read_files, verify_hashes
 from codegen.emit.manifest import read_build
 from codegen.emit.text import Precision
-from codegen.errors import BuildError
 
 
 class Verdict(StrEnum):
@@ -125,7 +122,7 @@ class Subject:
     @cached_property
     def unbounded(self) -> tuple[str, ...]:
         """Reasons why a call of the C might not return; see `complaints`. Checked once, as copies of the subject keep it."""
-        from codegen.verify.budgets.bounded_loops import complaints
+        from codegen.verify.bounded_loops import complaints
 
         return complaints(self.files, self.manifest)
 
@@ -133,19 +130,3 @@ class Subject:
         """Return the .c and .h files below some folders; default: include/ and src/, the files for an ECU."""
         below = tuple(f"{folder}/" for folder in (folders or ("include", "src")))
         return {path: content for path, content in self.files.items() if path.startswith(below) and path.endswith((".c", ".h"))}
-
-
-@contextlib.contextmanager
-def stored(files: Mapping[str, str | bytes]) -> Iterator[Path]:
-    """Store files, content by path, in a temporary folder. Raises BuildError if the disk is full."""
-    try:
-        with tempfile.TemporaryDirectory(prefix="ars-verify-") as scratch:
-            folder = Path(scratch)
-            for path, content in files.items():
-                (folder / path).parent.mkdir(parents=True, exist_ok=True)
-                (folder / path).write_bytes(content.encode() if isinstance(content, str) else content)
-            yield folder
-    except OSError as error:
-        raise BuildError(
-            f"the files cannot be stored: {error.strerror or error}", remedy="free space for temporary files"
-        ) from error

@@ -21,7 +21,7 @@ from types import FrameType
 
 from codegen.errors import CodegenError, one_line
 from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict
-from codegen.verify.packages import MissingTool
+from codegen.verify.tools import MissingTool
 
 LEFT_OUT = "left out by --quick"
 PARALLEL_CHECKS = 2
@@ -49,28 +49,28 @@ CHECKS = (
     Registered(
         "compiles",
         "compiles",
-        "codegen.verify.compilation.compilers",
+        "codegen.verify.compilers",
         "The C compiles without a warning for every core, as C99, C11 and C++, and calls no forbidden function",
         quick=True,
     ),
     Registered(
         "static-analysis",
         "static analysis",
-        "codegen.verify.analysis.static_analysis",
+        "codegen.verify.static_analysis",
         "Every finding of MISRA C:2012, cppcheck and gcc's analyser is a line of deviations.md",
         quick=True,
     ),
     Registered(
         "processor-in-the-loop",
         "processor in the loop",
-        "codegen.verify.pil.emulated_runs",
+        "codegen.verify.emulated_runs",
         "Code for other processors gives the same results as on the host, bit for bit",
         quick=True,
     ),
     Registered(
         "budgets",
         "budgets",
-        "codegen.verify.budgets.code_budgets",
+        "codegen.verify.budgets",
         "Instructions, stack, flash and RAM on a Cortex-M4F are within budget",
         quick=True,
     ),
@@ -84,7 +84,7 @@ CHECKS = (
     Registered(
         "sanitizers",
         "sanitizers",
-        "codegen.verify.sanitizers.sanitizer_runs",
+        "codegen.verify.sanitizer_runs",
         "Drives and bus faults have the specified outcome, and no input causes undefined behaviour or exceeds a bound",
     ),
     Registered(

@@ -23,8 +23,7 @@ from codegen.emit.render import verbatim
 from codegen.errors import BuildError
 from codegen.programs import run_program
 from codegen.sil.toolchain import require_success
-from codegen.verify.outcomes import stored
-from codegen.verify.packages import module, require
+from codegen.verify.tools import module, require, stored
 
 
 @dataclass(frozen=True)

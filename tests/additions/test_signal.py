@@ -41,7 +41,7 @@ from codegen.export.fmu.variables import variables_of
 from codegen.export.runs import EXPORT_COLUMNS, RUN_FORMATS
 from codegen.sil.closed_loop import ClosedLoop, LoopOptions
 from codegen.sil.software import RECORD_COLUMNS, Measurement, compile_build
-from codegen.verify.pil.batches import program_of
+from codegen.verify.emulated_batches import program_of
 from hil_sim.codec import Codec, VehicleConditions
 from hil_sim.plant_node import PlantNode
 from hil_sim.scenarios import find

@@ -21,7 +21,7 @@ from pathlib import Path
 from codegen.errors import CodegenError
 from codegen.files import write_atomically
 from codegen.verify.outcomes import Effort, Outcome, Verdict
-from codegen.verify.packages import MissingTool
+from codegen.verify.tools import MissingTool
 from tests import shared
 from tests.evidence import pytest_part, record
 from tests.evidence.parts import FOLDERS, PARTS, RECORDS, ROOT, Part, hash_of

@@ -40,7 +40,7 @@ from codegen.export.firmware import record
 from codegen.sil.compile import DEFAULT_FLAGS, compile_library
 from codegen.sil.software import load
 from codegen.sil.toolchain import compiler_command
-from codegen.verify.analysis.analysers import judged_by_misra
+from codegen.verify.static_analysis import judged_by_misra
 from hil_sim.codec import Frame
 from hil_sim.e2e import protect
 from hil_sim.scenarios import find

@@ -18,7 +18,7 @@ import pytest
 
 from codegen.errors import CodegenError
 from codegen.verify.outcomes import Effort, Outcome, Verdict
-from codegen.verify.packages import MissingTool
+from codegen.verify.tools import MissingTool
 from scripts.guide import evidence_tables
 from tests import shared
 from tests.evidence import __main__ as command

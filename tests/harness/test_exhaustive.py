@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from codegen.verify.outcomes import Effort, Outcome, Subject
-from codegen.verify.sanitizers.sanitized import find_compiler
+from codegen.verify.sanitized import find_compiler
 from tests.evidence.exhaustive import exhaustive
 from tests.evidence.exhaustive.claim import Source
 from tests.evidence.parts import FOLDERS

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.sil.software import Measurement, Status
-from codegen.verify.drive_cycle import drive
+from codegen.verify.unit_drives import drive
 from tests.builds import Built
 from tests.oracle.controller import SecondLimiter
 from tests.oracle.tracking import SecondReferenceModel

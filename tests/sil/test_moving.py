@@ -27,8 +27,7 @@ from codegen.sil.software import RECORD_COLUMNS, Measurement, compile_build
 from codegen.sil.toolchain import compiler_command
 from codegen.units import KM_H
 from codegen.vehicle.tyre import slip_bounds
-from codegen.verify.drive_cycle import drive
-from codegen.verify.unit_drives import Stretch
+from codegen.verify.unit_drives import Stretch, drive
 from hil_sim.codec import Codec, VehicleConditions
 from tests import builds
 from tests.builds import Built

@@ -10,8 +10,8 @@ from codegen.sil.closed_loop import ClosedLoop, LoopOptions
 from codegen.sil.software import RECORD_COLUMNS, Status, compile_build
 from codegen.verify import traffic
 from codegen.verify.drives import DELAY_SAMPLES, Thresholds, drawn, measurements_of, recorded
-from codegen.verify.pil.batches import OnHost, Program, Rows, program_of, rows_of_cycles
-from codegen.verify.pil.streams import Source
+from codegen.verify.emulated_batches import OnHost, Program, Rows, program_of, rows_of_cycles
+from codegen.verify.emulated_streams import Source
 from hil_sim.bench import run_through_can
 from hil_sim.scenarios import SCENARIOS
 from tests.verify import builds

@@ -5,7 +5,7 @@ from collections import defaultdict
 import pytest
 
 from codegen.errors import BuildError
-from codegen.verify.budgets.bounded_loops import complaints
+from codegen.verify.bounded_loops import complaints
 from tests.verify import builds
 
 PI = builds.made("pi", "uneven")

@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import pytest
 
-from codegen.verify.budgets import bounded_loops, measure
-from codegen.verify.budgets import code_budgets as budgets
-from codegen.verify.budgets.measure import CYCLE
+from codegen.verify import bounded_loops, resource_usage
+from codegen.verify import budgets as budgets
 from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict
+from codegen.verify.resource_usage import CYCLE
 from tests.verify import builds, planted
 
 PI = builds.made("pi", "uneven")
@@ -29,7 +29,7 @@ AMPLE_BUDGETS = {
 def few_calls(monkeypatch: pytest.MonkeyPatch) -> None:
     """Count so few calls that only a fault in every call is found."""
     for name, value in {"QUICK_SAMPLES": 40, "USUAL_SAMPLES": 10, "SAMPLES": 100}.items():
-        monkeypatch.setattr(measure, name, value)
+        monkeypatch.setattr(resource_usage, name, value)
 
 
 @functools.cache

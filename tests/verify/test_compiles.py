@@ -2,10 +2,10 @@
 
 import pytest
 
-from codegen.verify.compilation import compilers as compiles
-from codegen.verify.compilation import mixtures
+from codegen.verify import compilers
+from codegen.verify import compilers as compiles
 from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict
-from codegen.verify.packages import MissingTool
+from codegen.verify.tools import MissingTool
 from tests.verify import builds, planted
 from tests.verify.test_static_analysis import c_function
 
@@ -47,8 +47,8 @@ def test_warnings_are_found_in_their_lines(monkeypatch: pytest.MonkeyPatch) -> N
 def test_missing_guards_between_builds_are_found() -> None:
     folder = builds.made("tracking", "uneven")
     subject = planted.subject_of(folder)
-    pairs = mixtures.mixtures(subject)
-    assert mixtures.Mixture("src/ars_task.c", "include/ars_reference_model.h") in pairs  # through two other headers
+    pairs = compilers.mixtures(subject)
+    assert compilers.Mixture("src/ars_task.c", "include/ars_reference_model.h") in pairs  # through two other headers
     compiled = {path for path in folder.files if path.startswith(("src/", "linux/")) and path.endswith(".c")}
     assert {pair.source for pair in pairs} == compiled
     files, expected = subject.sources("include"), {"include/ars_e2e.h:1: it does not say of which build it is"}
@@ -60,7 +60,7 @@ def test_missing_guards_between_builds_are_found() -> None:
         files[path] = "\n".join((*lines[:first], *lines[first + 3 :])).encode()
     files["include/ars_e2e.h"] = files["include/ars_e2e.h"].replace(b"#define ARS_E2E_BUILD", b"#define ARS_E2E_MADE")
     files["src/ars_e2e.c"] = folder.files["src/ars_e2e.c"]
-    assert set(mixtures.not_refused(Subject("planted", files, folder.manifest))) == expected
+    assert set(compilers.not_refused(Subject("planted", files, folder.manifest))) == expected
 
 
 def test_a_source_that_takes_fast_math_is_found() -> None:
@@ -68,7 +68,7 @@ def test_a_source_that_takes_fast_math_is_found() -> None:
     limiter, can = limiter.replace("defined(__FINITE_MATH_ONLY__)", "0"), can.replace("#error", "/* no error */")
     files = {path: content for path, content in PI.files.items() if path.startswith("include/")}
     files |= {f"src/ars_{name}.c": text.encode() for name, text in (("limiter", limiter), ("can", can), ("e2e", e2e))}
-    assert set(mixtures.takes_fast_math(Subject("planted", files, PI.manifest))) == {
+    assert set(compilers.takes_fast_math(Subject("planted", files, PI.manifest))) == {
         "src/ars_limiter.c:1: it takes -ffinite-math-only",
         "src/ars_can.c:1: it takes -ffast-math",
         "src/ars_can.c:1: it takes -ffinite-math-only",

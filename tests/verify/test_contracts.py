@@ -11,7 +11,7 @@ import pytest
 from codegen.errors import BuildError
 from codegen.verify import cbmc
 from codegen.verify.contracts import prove
-from codegen.verify.packages import MissingTool
+from codegen.verify.tools import MissingTool
 
 SUCCESS = [{"result": [{"property": "p.1", "status": "SUCCESS", "description": "d"}]}, {"cProverStatus": "success"}]
 END = [{"result": [{"property": "check_end.assertion.1", "status": "FAILURE", "description": "the end is reached"}]}]

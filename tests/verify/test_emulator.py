@@ -9,7 +9,7 @@ import pytest
 
 from codegen.errors import BuildError
 from codegen.verify import target
-from codegen.verify.budgets.program import Program
+from codegen.verify.machine_code import Program
 from codegen.verify.target import CORTEX_M4F, POWERPC_BE, Core, Processor, compile_image
 
 

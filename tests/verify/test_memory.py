@@ -4,7 +4,7 @@ import pytest
 
 from codegen.verify import memory
 from codegen.verify.outcomes import Effort
-from codegen.verify.packages import MissingTool
+from codegen.verify.tools import MissingTool
 from tests.verify import builds, planted
 
 

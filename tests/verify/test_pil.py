@@ -4,11 +4,11 @@ import sys
 
 import pytest
 
-from codegen.verify.budgets import bounded_loops
+from codegen.verify import bounded_loops
+from codegen.verify import emulated_runs as pil
 from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict
-from codegen.verify.packages import MissingTool
-from codegen.verify.pil import emulated_runs as pil
 from codegen.verify.target import POWERPC_BE
+from codegen.verify.tools import MissingTool
 from tests.verify import builds, planted
 
 STEPS = 1_500

@@ -6,7 +6,7 @@ import pytest
 
 from codegen.configuration import Kind
 from codegen.errors import BuildError
-from codegen.verify.budgets.program import SECTIONS, STACK_FLAG, Program, Sizes, compile_objects, sizes_of
+from codegen.verify.machine_code import SECTIONS, STACK_FLAG, Program, Sizes, compile_objects, sizes_of
 from codegen.verify.target import compile_image
 from tests.verify import builds, planted
 

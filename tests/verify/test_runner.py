@@ -12,8 +12,7 @@ import pytest
 
 from codegen.emit.manual import manual
 from codegen.errors import CodegenError
-from codegen.verify import record, runner
-from codegen.verify.budgets import bounded_loops
+from codegen.verify import bounded_loops, record, runner
 from codegen.verify.outcomes import Effort, Subject, Verdict
 from codegen.verify.runner import CRASHED, LEFT_OUT, Registered, VerificationReport
 

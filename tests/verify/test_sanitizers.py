@@ -5,9 +5,9 @@ import itertools
 import pytest
 
 from codegen.verify import drives
+from codegen.verify import sanitizer_runs as sanitizers
 from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict
-from codegen.verify.packages import MissingTool
-from codegen.verify.sanitizers import sanitizer_runs as sanitizers
+from codegen.verify.tools import MissingTool
 from hil_sim import fault_catalogue
 from tests.verify import builds, planted
 

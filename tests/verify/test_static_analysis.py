@@ -12,12 +12,11 @@ import pytest
 
 from codegen.emit.deviations import DEVIATIONS_FILE, excerpt, read_deviations
 from codegen.errors import CodegenError
-from codegen.verify import on_host
-from codegen.verify.analysis import analysers, static_analysis
-from codegen.verify.analysis.number_tables import malformed
+from codegen.verify import on_host, static_analysis
+from codegen.verify.number_tables import malformed
 from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict
-from codegen.verify.packages import MissingTool
 from codegen.verify.target import source_tree
+from codegen.verify.tools import MissingTool
 from tests.verify import builds
 
 PI = builds.made("pi", "uneven")
@@ -138,9 +137,9 @@ def test_a_table_with_a_missing_number_or_other_than_plain_literals_is_found() -
 def test_without_an_analysing_gcc_or_a_readable_table_it_is_not_run(monkeypatch: pytest.MonkeyPatch) -> None:
     head = PI.files[DEVIATIONS_FILE].partition(b"| src/")[0]
     files = with_rows({**small(), DEVIATIONS_FILE: head}, ROWS[-1])  # this row's validity cannot be decided
-    monkeypatch.setattr(analysers, "judged_by_misra", lambda tree: ())
-    monkeypatch.setattr(analysers, "judged_as_programs", lambda *given: ())
-    monkeypatch.setattr(analysers, "GCC_FLAGS", ("-std=c99", "-O2"))
+    monkeypatch.setattr(static_analysis, "judged_by_misra", lambda tree: ())
+    monkeypatch.setattr(static_analysis, "judged_as_programs", lambda *given: ())
+    monkeypatch.setattr(static_analysis, "GCC_FLAGS", ("-std=c99", "-O2"))
     outcome = checked(files)
     assert outcome.verdict is Verdict.NOT_RUN
     (why,) = outcome.findings
@@ -153,6 +152,6 @@ def test_without_an_analysing_gcc_or_a_readable_table_it_is_not_run(monkeypatch:
 
 
 def test_without_a_working_cppcheck_it_cannot_run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(analysers.sys, "executable", str(tmp_path / "no-python"))
+    monkeypatch.setattr(static_analysis.sys, "executable", str(tmp_path / "no-python"))
     with source_tree({"src/a.c": b"int a;\n"}) as tree, pytest.raises(MissingTool, match=r"planted for it \(.*15\.1"):
-        analysers.judged_by_misra(tree)
+        static_analysis.judged_by_misra(tree)

@@ -7,9 +7,9 @@ import pytest
 
 from codegen.emit.can_view import task_view
 from codegen.sil.software import Command, Status
-from codegen.verify.budgets.measure import Counter
-from codegen.verify.budgets.workloads import DRIVE_COLUMNS, START, TASK, cycles_of, events_of, histories, steps_of
 from codegen.verify.drives import Thresholds, drawn, measurements_of
+from codegen.verify.resource_usage import Counter
+from codegen.verify.workloads import DRIVE_COLUMNS, START, TASK, cycles_of, events_of, histories, steps_of
 from hil_sim.e2e import E2eStatus, Receiver
 from tests.verify import builds, planted
 

@@ -12,7 +12,7 @@ from typing import Self
 
 from codegen.configuration.xcp import MANDATORY_COMMANDS, NATIVE_COMMANDS
 from codegen.sil.toolchain import require_success, run
-from codegen.verify.sanitizers.sanitized import SANITIZER_FLAGS, SANITIZERS, environment, find_compiler, launcher
+from codegen.verify.sanitized import SANITIZER_FLAGS, SANITIZERS, environment, find_compiler, launcher
 from hil_sim.ecu_process import section_flag
 
 CALIBRATION, MEASUREMENTS = 0x1000_0000, 0x2000_0000

@@ -11,7 +11,7 @@ from typing import Any
 
 from codegen.errors import BuildError
 from codegen.verify.outcomes import Effort, Outcome, Verdict
-from codegen.verify.packages import MissingTool, require
+from codegen.verify.tools import MissingTool, require
 from tests.evidence.progress import Progress
 from tests.sil.case import Case, committed
 from tests.sil.library import FLAGS, Compiler

@@ -18,7 +18,7 @@ from pathlib import Path
 from codegen.errors import BuildError
 from codegen.sil import toolchain
 from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict
-from codegen.verify.sanitizers.sanitized import Compiler, find_compiler
+from codegen.verify.sanitized import Compiler, find_compiler
 from tests.evidence.exhaustive import claims_control, claims_frames, claims_map
 from tests.evidence.exhaustive.claim import FLOATS, TEMPLATES, Claim, Source
 from tests.evidence.progress import Progress

@@ -15,9 +15,10 @@ from codegen.emit.contracts.files import FOLDER
 from codegen.errors import CodegenError
 from codegen.verify import contracts
 from codegen.verify.cbmc import installed
-from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict, stored
+from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict
 from codegen.verify.runner import CHECKS
 from codegen.verify.runner import run as run_checks
+from codegen.verify.tools import stored
 from tests.evidence.progress import Progress
 
 SHOWS = "each planted fault makes exactly the responsible checks of codegen verify fail"

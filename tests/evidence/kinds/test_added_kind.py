@@ -7,7 +7,8 @@ from tests.additions.test_kind import BUILD, MAP, add_kind
 
 CHECK = """
 from codegen.verify import cbmc
-from codegen.verify.outcomes import Subject, stored
+from codegen.verify.outcomes import Subject
+from codegen.verify.tools import stored
 from codegen.verify.contracts import prove
 from tests.oracle.check import check
 

@@ -1,4 +1,4 @@
-"""Part "libfuzzer": the harnesses of `codegen.verify.sanitizers.program` under coverage-guided libFuzzer.
+"""Part "libfuzzer": the harnesses of `codegen.verify.sanitizer_runs` under coverage-guided libFuzzer.
 
 The properties are those of `codegen verify`. An input that breaks one is stored in build/fuzzing/, where the harness runs it
 again.
@@ -16,8 +16,8 @@ from typing import Any
 
 from codegen.sil.toolchain import compiler_identity
 from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict
-from codegen.verify.sanitizers.program import Name, harness, seeds
-from codegen.verify.sanitizers.sanitized import Compiler, compiled, environment, findings_of
+from codegen.verify.sanitized import Compiler, compiled, environment, findings_of
+from codegen.verify.sanitizer_runs import Name, harness, seeds
 from tests.evidence.coverage.coverage import find_tool
 from tests.evidence.coverage.mcdc import VERSION
 from tests.evidence.parts import ROOT

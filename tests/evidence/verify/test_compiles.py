@@ -4,8 +4,8 @@ import pytest
 
 from codegen.configuration import Kind
 from codegen.emit.text import Precision
-from codegen.verify.compilation import compilers as compiles
-from codegen.verify.compilation import mixtures
+from codegen.verify import compilers
+from codegen.verify import compilers as compiles
 from codegen.verify.outcomes import Effort, Verdict
 from tests.verify import builds, planted
 
@@ -23,5 +23,5 @@ def test_a_build_compiles_cleanly(kind: Kind, grid: str, precision: Precision) -
     for names in figures["needed_of_others"].values():
         needed = {name for name in names if not name.startswith(("mem", "__aeabi_"))}
         assert needed == set(subject.manifest["dynamics_library_functions"])
-    assert figures["mixtures_refused"] == pairs == len(mixtures.mixtures(subject))
+    assert figures["mixtures_refused"] == pairs == len(compilers.mixtures(subject))
     assert outcome.figure == f"0 findings in {len(figures['compilations'])} compilations and {pairs} mixtures of builds"

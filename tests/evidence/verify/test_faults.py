@@ -5,14 +5,13 @@ from dataclasses import replace
 
 import pytest
 
-from codegen.verify.budgets import bounded_loops, measure
-from codegen.verify.budgets import code_budgets as budgets
-from codegen.verify.budgets.measure import CYCLE, measure_step
-from codegen.verify.compilation import compilers as compiles
+from codegen.verify import bounded_loops, resource_usage, sanitized, sanitizer_runs
+from codegen.verify import budgets as budgets
+from codegen.verify import compilers as compiles
+from codegen.verify import emulated_runs as pil
+from codegen.verify import sanitizer_runs as sanitizers
 from codegen.verify.outcomes import Effort, Subject, Verdict
-from codegen.verify.pil import emulated_runs as pil
-from codegen.verify.sanitizers import program, sanitized
-from codegen.verify.sanitizers import sanitizer_runs as sanitizers
+from codegen.verify.resource_usage import CYCLE, measure_step
 from codegen.verify.target import POWERPC_BE
 from tests.verify import builds, planted
 
@@ -98,7 +97,7 @@ def test_a_rare_long_step_is_found(unit: str, place: str, condition: str, goes_o
 
 def test_stack_use_unknown_to_the_compiler_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few calls are enough, because every call uses it. The search for loops would reject the assembly."""
-    monkeypatch.setattr(measure, "QUICK_SAMPLES", 40)
+    monkeypatch.setattr(resource_usage, "QUICK_SAMPLES", 40)
     monkeypatch.setattr(bounded_loops, "complaints", lambda *given: ())
     hidden = '    __asm__ volatile ("sub sp, #512; str r0, [sp]; add sp, #512" ::: "memory");\n'
     findings = budgets.check(planted.started(PI, "ars_limiter_step", hidden), QUICK).findings
@@ -144,7 +143,7 @@ def test_the_map_of_another_version_is_judged_by_its_bound(monkeypatch: pytest.M
     """Its order of operations may differ; a wrong cell is still detected."""
     monkeypatch.setattr(sanitizers, "run_all", lambda config, runner: [])
     # A harness compares both look-ups, of which only one is changed.
-    monkeypatch.setattr(program, "run_harness", lambda *given: ({"inputs": 0}, ()))
+    monkeypatch.setattr(sanitizer_runs, "run_harness", lambda *given: ({"inputs": 0}, ()))
     for factor, verdict in ((0.999999, Verdict.PASSED), (0.999, Verdict.FAILED)):
         body = f"    return planted_ars_map_yaw_rate_on_road(speed, front_angle, friction) * {factor}f;"
         old = replace(TRACKING, manifest={**TRACKING.manifest, "version": "0.0.1"})
@@ -169,7 +168,7 @@ SENT = "ars_rear_steer_command_t sent = *signals; sent.rear_angle *= 2; planted_
 ROAD = "return planted_ars_map_yaw_rate_on_road(speed, (front_angle < -0.5f) ? -0.5f : front_angle, friction);"
 UNUSED = "a frame that must not be used makes no difference"
 REFERENCE, STATUS = "result.yaw_rate_reference", "result.status"
-FAULTS: dict[program.Name, list[tuple[str, str, str]]] = {
+FAULTS: dict[sanitizer_runs.Name, list[tuple[str, str, str]]] = {
     "can": [
         ("e2e_check", ACCEPT_ANY_CRC, UNUSED),
         ("e2e_check", ACCEPT_ANY_CRC.replace("mended[0] =", "if ((data[7] & 0xF0u) == 0x50u) mended[0] ="), UNUSED),
@@ -203,18 +202,18 @@ FAULTS: dict[program.Name, list[tuple[str, str, str]]] = {
 }
 
 
-def fuzzed(subject: Subject, name: program.Name) -> tuple[str, ...]:
+def fuzzed(subject: Subject, name: sanitizer_runs.Name) -> tuple[str, ...]:
     """Return the findings of one harness."""
-    compiler, plain = sanitized.find_compiler(), program.sources(subject)
-    with sanitized.compiled(compiler, subject.sources(), plain, (program.COVERAGE_FLAG,)) as path:
-        return program.run_harness(path, name, program.seeds(subject)[name], sanitizers.INPUTS_QUICK)[1]
+    compiler, plain = sanitized.find_compiler(), sanitizer_runs.sources(subject)
+    with sanitized.compiled(compiler, subject.sources(), plain, (sanitizer_runs.COVERAGE_FLAG,)) as path:
+        return sanitizer_runs.run_harness(path, name, sanitizer_runs.seeds(subject)[name], sanitizers.INPUTS_QUICK)[1]
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "function", "statement", "finding"), [(name, *fault) for name, faults in FAULTS.items() for fault in faults]
 )
-def test_every_property_can_fail(name: program.Name, function: str, statement: str, finding: str) -> None:
+def test_every_property_can_fail(name: sanitizer_runs.Name, function: str, statement: str, finding: str) -> None:
     call = CALL.get(function, "")
     end = "return result;" if "result =" in call else ""
     subject = planted.wrapped(TRACKING, f"ars_{function}", f"    {call}\n    {statement}\n    {end}")
@@ -223,6 +222,6 @@ def test_every_property_can_fail(name: program.Name, function: str, statement: s
 
 
 def test_an_input_with_an_endless_loop_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(program, "SECONDS_MAX", 1.0)
+    monkeypatch.setattr(sanitizer_runs, "SECONDS_MAX", 1.0)
     endless = planted.limiter(TRACKING, "    while (input->demand > 0.05f) {\n        result += 0.0f;\n    }")
     assert fuzzed(endless, "step") == ("step: an input does not end",)

@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import pytest
 
-from codegen.verify.budgets import bounded_loops
+from codegen.verify import bounded_loops
+from codegen.verify import emulated_runs as pil
+from codegen.verify.emulated_runs import streams
 from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict
-from codegen.verify.pil import emulated_runs as pil
-from codegen.verify.pil.emulated_runs import streams
 from codegen.verify.target import CORTEX_M4F, POWERPC_BE, Core
 from tests.verify import builds, planted
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import pytest
 
+from codegen.verify import sanitized, sanitizer_runs
+from codegen.verify import sanitizer_runs as sanitizers
 from codegen.verify.outcomes import Verdict
-from codegen.verify.sanitizers import program, sanitized
-from codegen.verify.sanitizers import sanitizer_runs as sanitizers
 from tests.verify import planted
 from tests.verify.test_sanitizers import PI, TRACKING, checked, few_cases  # noqa: F401
 
@@ -72,7 +72,7 @@ def test_c_that_does_not_compile_or_does_not_return(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(sanitizers, "run_all", lambda config, runner: [])  # the fault catalogue takes longest
     (finding,) = checked(planted.subject_of(TRACKING, ars_limiter="int broken(;\n")).findings
     assert re.match(r"src/ars_limiter\.c:\d+: the C does not compile: ", finding)
-    for module in (sanitized, program):
+    for module in (sanitized, sanitizer_runs):
         monkeypatch.setattr(module, "SECONDS_MAX", 1.0)
     endless = planted.limiter(TRACKING, "    while (input->demand > 0.05f) {\n        result += 0.0f;\n    }")
     first, *others = checked(endless).findings

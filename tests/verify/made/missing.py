@@ -1,6 +1,6 @@
 """A check without its tool."""
 
-from codegen.verify.packages import MissingTool
+from codegen.verify.tools import MissingTool
 
 
 def check(*_: object) -> None:

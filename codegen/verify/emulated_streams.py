@@ -19,7 +19,7 @@ from codegen.configuration.signals import SignalDefinition
 from codegen.sil.software import Measurement
 from codegen.units import KM_H
 from codegen.verify.drives import DRIVE_COLUMNS, GAPS, HELD, Samples, Thresholds, drawn, moving
-from codegen.verify.pil.batches import (
+from codegen.verify.emulated_batches import (
     FRAME_WORD_BYTES,
     FRICTION_FIELDS,
     WHOLE_FIELDS,

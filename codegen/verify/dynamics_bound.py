@@ -15,7 +15,7 @@ import numpy as np
 from codegen.arrays import FloatArray
 from codegen.emit.render import render
 from codegen.emit.text import Precision, c_type, literal, numpy_type
-from codegen.verify.pil.batches import Batch, Program, Real, Rows, Runner, real_of
+from codegen.verify.emulated_batches import Batch, Program, Real, Rows, Runner, real_of
 
 LIBRARY_ULPS = 4
 """Allowed difference of a library function, in units in the last place."""

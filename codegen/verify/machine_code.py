@@ -14,8 +14,8 @@ from itertools import pairwise
 from typing import Any
 
 from codegen.errors import BuildError
-from codegen.verify.packages import module
 from codegen.verify.target import CORTEX_M4F, INCLUDES, TARGET_FLAGS, source_tree, zig
+from codegen.verify.tools import module
 
 STACK_FLAG = "-fstack-size-section"
 """Flag that makes clang write the stack use of each function (as of -fstack-usage) into the object."""

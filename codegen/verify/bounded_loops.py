@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 from pycparser import c_ast, c_parser
 
 from codegen.errors import BuildError
-from codegen.verify.analysis.number_tables import without_tables
+from codegen.verify.number_tables import without_tables
 from codegen.verify.target import preprocess
 
 LIBRARY = ("memcpy",)

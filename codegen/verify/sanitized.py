@@ -35,8 +35,8 @@ from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.sil.software import RECORD_COLUMNS
 from codegen.sil.toolchain import compiler_command, compiler_identity, require_success, run
 from codegen.verify.drives import Samples
-from codegen.verify.outcomes import Subject, stored
-from codegen.verify.packages import MissingTool
+from codegen.verify.outcomes import Subject
+from codegen.verify.tools import MissingTool, stored
 
 SANITIZERS = "-fsanitize=address,undefined,float-divide-by-zero,float-cast-overflow"
 """Sanitizers; `undefined` does not include the last two."""

@@ -14,15 +14,14 @@ import numpy as np
 from codegen.errors import BuildError
 from codegen.sil.software import Software, Status
 from codegen.sil.toolchain import compiler_command, compiler_identity
-from codegen.verify import traffic
+from codegen.verify import dynamics_bound, traffic
 from codegen.verify.drives import Thresholds, recorded
+from codegen.verify.emulated_batches import OnHost, OnTarget, Program, Rows, dynamics_program_of, program_of, rows_of_cycles
+from codegen.verify.emulated_streams import Source, Stream, differences
 from codegen.verify.on_host import MightNotReturn, compiled, require_compiler
 from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict
-from codegen.verify.packages import module, require
-from codegen.verify.pil import dynamics_bound
-from codegen.verify.pil.batches import OnHost, OnTarget, Program, Rows, dynamics_program_of, program_of, rows_of_cycles
-from codegen.verify.pil.streams import Source, Stream, differences
 from codegen.verify.target import CORTEX_M4F, CORTEX_M7, POWERPC_BE, Core
+from codegen.verify.tools import module, require
 
 CORES: Mapping[bool, tuple[Core, ...]] = {True: (CORTEX_M4F, CORTEX_M7, POWERPC_BE), False: (POWERPC_BE,)}
 """Cores whose emulated FPU supports single (True) or double (False) precision builds."""

@@ -15,8 +15,8 @@ import numpy as np
 from codegen.configuration.budgets import KEY_OF_FUNCTION, MapShape
 from codegen.ecu_map.storage import Axis
 from codegen.errors import BuildError
-from codegen.verify.budgets.measure import CYCLE, NOT_SINGLE, ResourceUsage, measure
 from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict
+from codegen.verify.resource_usage import CYCLE, NOT_SINGLE, ResourceUsage, measure
 
 SHOWS = (
     "With clang -O2 for a Cortex-M4F, the longest calls found, the stack, the memory of an instance and the flash are within "

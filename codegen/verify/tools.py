@@ -1,13 +1,16 @@
-"""Import the packages of the extra `verify` on demand."""
+"""What checks work with: packages of the extra `verify`, imported on demand, and files of a build in a folder."""
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import importlib.util
+import tempfile
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from codegen.errors import CodegenError
+from codegen.errors import BuildError, CodegenError
 from codegen.requirements import pip_install
 
 
@@ -33,3 +36,19 @@ def require(name: str) -> Path:
     if spec is None or not spec.submodule_search_locations:
         raise MissingTool("it is not installed", where=name, remedy=pip_install(name))
     return Path(spec.submodule_search_locations[0])
+
+
+@contextlib.contextmanager
+def stored(files: Mapping[str, str | bytes]) -> Iterator[Path]:
+    """Store files, content by path, in a temporary folder. Raises BuildError if the disk is full."""
+    try:
+        with tempfile.TemporaryDirectory(prefix="ars-verify-") as scratch:
+            folder = Path(scratch)
+            for path, content in files.items():
+                (folder / path).parent.mkdir(parents=True, exist_ok=True)
+                (folder / path).write_bytes(content.encode() if isinstance(content, str) else content)
+            yield folder
+    except OSError as error:
+        raise BuildError(
+            f"the files cannot be stored: {error.strerror or error}", remedy="free space for temporary files"
+        ) from error

@@ -18,14 +18,14 @@ from codegen.arrays import IntArray
 from codegen.emit.can_view import TaskView, task_view
 from codegen.emit.render import render
 from codegen.errors import BuildError
-from codegen.verify.budgets import workloads
-from codegen.verify.budgets.program import STACK_FLAG, Depth, Program, Routine, Sizes, compile_objects, sizes_of
-from codegen.verify.budgets.workloads import START, TASK
+from codegen.verify import workloads
 from codegen.verify.drives import Samples, Thresholds, recorded
+from codegen.verify.machine_code import STACK_FLAG, Depth, Program, Routine, Sizes, compile_objects, sizes_of
 from codegen.verify.on_host import software_of
 from codegen.verify.outcomes import Effort, Subject
 from codegen.verify.target import DATA, DATA_BYTES, STACK_BYTES, STACK_TOP, Blocks, Processor, compile_image
 from codegen.verify.traffic import disturbed, restarts_of
+from codegen.verify.workloads import START, TASK
 
 FLAGS = ("-O2", STACK_FLAG)
 FRAME, FRAME_PREFIX = "frame/budget.c", "verify_"

@@ -1,1 +1,0 @@
-"""Check 4: instructions, stack, flash and RAM on a Cortex-M4F."""

@@ -1,1 +1,0 @@
-"""Check of scenarios, drives, faults and fuzzed inputs under sanitizers."""
