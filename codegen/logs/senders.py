@@ -1,8 +1,9 @@
 """Which frames of a log are used: one sender of each message, without the copies of its frames.
 
 A log may have a frame twice: its logger receives what it sent itself, or a gateway repeats it on another bus, some ms later.
-Copies are recognised by equal data, never by the direction alone. The original is the one whose data change first. If that
-cannot be determined, or if the frames of one message differ, the user must choose.
+Copies are recognised by equal data, never by the direction alone. The original is the one whose data change first. It is used
+if it covers what its copies cover. If it covers only a part, if it cannot be determined, or if the frames of one message
+differ, the user must choose.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
+from itertools import pairwise
 
 import numpy as np
 
@@ -25,6 +27,8 @@ COPY_DELAY_MAX_S = 0.5
 COPY_FRACTION_MIN = 0.9
 """Least fraction of changes of the data that are copies, and of those that have the same order, if one sender repeats another.
 Logs lose frames."""
+COVER_FRACTION_MIN = 0.98
+"""Least fraction of the frames of a copy that must have a frame of the original nearby, if the original is used."""
 SAME_TIME_S = 1e-3
 """Largest delay of a copy that may as well be the original: both are logged on one bus."""
 STRAY_FRACTION_MAX = 0.05
@@ -183,21 +187,29 @@ def _choose(key: BusKey, senders: Sequence[Sender], frames: Frames, found: Allot
     originals = []
     texts = []
     for group in groups:
+        repeated = [sender for sender, _ in group]
         if any(np.isnan(delay) for _, delay in group):
-            repeated = [sender for sender, _ in group]
-            for sender in senders:
-                found.fate[sender.frames] = Fate.CONFLICT
-            found.conflicts[key] = _conflict(repeated, "the same data, and which of them are the copies cannot be determined")
+            _refuse(
+                key, senders, repeated, "the same data, and which of them are the copies cannot be determined", frames, found
+            )
             return
-        original, start = min(group, key=lambda entry: (entry[1], not entry[0].is_sent))
+        original, start = _original(group, frames)
+        first, first_delay = min(group, key=lambda entry: (entry[1], not entry[0].is_sent))
+        if any(not _covers(original, sender, frames) for sender in repeated if sender.channel != original.channel):
+            lead = min(delay for sender, delay in group if sender.channel != first.channel) - first_delay
+            earlier = (
+                f"; those of channel {first.channel} are {1e3 * lead:.3g} ms earlier, but" if lead else ", but those of each"
+            )
+            _refuse(key, senders, repeated, f"the same data{earlier} cover only a part of the others", frames, found)
+            return
         originals.append(original)
         for sender, delay in group:
             if sender is not original:
                 found.fate[sender.frames] = Fate.COPY
                 if _is_one_bus([sender, original]):
                     continue  # a node that hears itself is plain
-                later = f"{1e3 * (delay - start):.3g} ms later"
-                texts.append(f"{sender.frames.size} frames ({sender}) copy those of {original}, {later}")
+                later = f", {1e3 * (delay - start):.3g} ms later" if delay != start else ""
+                texts.append(f"{sender.frames.size} frames ({sender}) copy those of {original}{later}")
     first, others = originals[0], originals[1:]
     stray = sum(other.frames.size for other in others)
     if not others or (_is_one_bus(originals) and stray <= STRAY_FRACTION_MAX * first.frames.size):
@@ -208,11 +220,53 @@ def _choose(key: BusKey, senders: Sequence[Sender], frames: Frames, found: Allot
             than = f"the {first.frames.size} of {first}"
             texts.append(f"{other.frames.size} frames ({other}) have other data than {than}, and are left out")
     else:
-        for other in originals:
-            found.fate[other.frames] = Fate.CONFLICT
-        found.conflicts[key] = _conflict(originals, "different data")
+        spans = sorted((frames.time[each.frames].min(), frames.time[each.frames].max()) for each in originals)
+        are_apart = all(end < start for (_, end), (start, _) in pairwise(spans))
+        _refuse(key, originals, originals, "no time in common" if are_apart else "different data", frames, found)
     if texts:
         found.findings[key] = "; ".join(texts)
+
+
+def _original(group: Sequence[tuple[Sender, float]], frames: Frames) -> tuple[Sender, float]:
+    """Return the sender that is used of those that repeat each other, and its delay.
+
+    A channel counts with its earliest sender that covers its others, else with its longest: a logger may note only some of
+    the frames that it sends. Of channels at the same time, which log one bus twice, the one that covers the others counts.
+    """
+
+    def order(entry: tuple[Sender, float]) -> tuple[float, bool]:
+        return entry[1], not entry[0].is_sent
+
+    of_channels: dict[str, list[tuple[Sender, float]]] = {}
+    for entry in sorted(group, key=order):
+        of_channels.setdefault(entry[0].channel, []).append(entry)
+    chosen = []
+    for entries in of_channels.values():
+        whole = (one for one in entries if all(_covers(one[0], other, frames) for other, _ in entries))
+        chosen.append(next(whole, max(entries, key=lambda entry: entry[0].frames.size)))
+    chosen.sort(key=order)
+    early = [entry for entry in chosen if entry[1] - chosen[0][1] <= SAME_TIME_S]
+    whole = (one for one in early if all(_covers(one[0], other, frames) for other, _ in chosen))
+    return next(whole, chosen[0])
+
+
+def _covers(one: Sender, other: Sender, frames: Frames) -> bool:
+    """Return whether `one` has frames wherever `other` has some, and about as many."""
+    if one is other:
+        return True
+    times, wanted = np.sort(frames.time[one.frames]), frames.time[other.frames]
+    near = np.searchsorted(times, wanted + COPY_DELAY_MAX_S, "right") > np.searchsorted(times, wanted - COPY_DELAY_MAX_S)
+    is_dense = times.size >= COPY_FRACTION_MIN * wanted.size
+    return bool(is_dense and np.count_nonzero(near) >= COVER_FRACTION_MIN * near.size)
+
+
+def _refuse(
+    key: BusKey, senders: Sequence[Sender], shown: Sequence[Sender], what: str, frames: Frames, found: Allotment
+) -> None:
+    """Use no frame of any sender of a message. shown: those named in the conflict. what: text about their data."""
+    for sender in senders:
+        found.fate[sender.frames] = Fate.CONFLICT
+    found.conflicts[key] = _conflict(shown, what, frames)
 
 
 def _is_one_bus(senders: Sequence[Sender]) -> bool:
@@ -220,9 +274,13 @@ def _is_one_bus(senders: Sequence[Sender]) -> bool:
     return len({(sender.channel, sender.identifier) for sender in senders}) == 1
 
 
-def _conflict(originals: Sequence[Sender], what: str) -> tuple[str, str]:
+def _conflict(originals: Sequence[Sender], what: str, frames: Frames) -> tuple[str, str]:
     """Return what is wrong if several senders send a message, and the remedy. what: text about their data."""
-    shown = " and ".join(f"{each.frames.size} frames ({_of(each, originals)})" for each in originals)
+    times = [frames.time[each.frames] - frames.time[np.isfinite(frames.time)].min() for each in originals]
+    shown = " and ".join(
+        f"{each.frames.size} frames ({_of(each, originals)}, {time.min():.2f} to {time.max():.2f} s)"
+        for each, time in zip(originals, times, strict=True)
+    )
     channels = list(dict.fromkeys(each.channel for each in originals))
     if len(channels) > 1:
         remedy = f"choose a bus with `channel={' or '.join(map(repr, channels))}`, or channel in names.toml"
@@ -242,44 +300,137 @@ def _of(sender: Sender, originals: Sequence[Sender]) -> str:
 def copy_delay(frames: Frames, one: IndexArray, other: IndexArray) -> float | None:
     """Return by how many s frames `other` are later than `one`, if they have the same data; None if they do not.
 
-    Only changes of the data are compared, for unchanged data match anything: a late copy equals the next frame of the original
-    as well. Each change of `other` must be one of `one`, and `other` must change where `one` does; a gateway may leave frames
-    out. Data that never change have no delay.
+    Only the time that both have is compared, and in it only changes of the data, for unchanged data match anything: a late copy
+    equals the next frame of the original as well. Each change of `other` must be one of `one`, and `other` must change where
+    `one` does if it has frames there; a gateway may leave frames out. Data that never change have no delay.
 
     The result is NaN if the order cannot be determined. Data that repeat, such as those of a counter, may be as well early as
-    late. So only changes with one possible counterpart count, and nearly all of these must be on the same side of it.
+    late, so only changes with one possible counterpart count. Where one of them has fewer frames, the first of its frames with
+    some data may be too late, and the last too early. So both must be on the same side of their counterpart.
     """
     codes: dict[bytes, int] = {}
-    (code_one, time_one), (code_other, time_other) = (_changes(frames, indices, codes) for indices in (one, other))
-    start, end = frames.time[other].min() - COPY_DELAY_MAX_S, frames.time[other].max() + COPY_DELAY_MAX_S
-    within = time_one[(time_one >= start) & (time_one <= end)]
-    if not time_other.size or not within.size:
-        is_constant = not time_other.size and not within.size
-        return 0.0 if is_constant and frames.data[one[0]] == frames.data[other[0]] else None
-    since, until = _beside(code_one, time_one, code_other, time_other)
-    any_since, any_until = _beside(np.zeros_like(code_other), time_other, np.zeros(within.size, dtype=np.int64), within)
-    for distance in (np.minimum(since, until), np.minimum(any_since, any_until)):
-        if np.count_nonzero(distance <= COPY_DELAY_MAX_S) < COPY_FRACTION_MIN * distance.size:
+    series_one, series_other = (_Series.of(frames, indices, codes) for indices in (one, other))
+    start, end = max(series_one.start, series_other.start), min(series_one.end, series_other.end)
+    if start > end:
+        return None
+    if series_one.is_constant and series_other.is_constant:
+        return 0.0 if series_one.start_code == series_other.start_code else None
+    inner_one, inner_other = (
+        np.flatnonzero((series.first >= start) & (series.first <= end)) for series in (series_one, series_other)
+    )
+    changes = series_one.first[inner_one]
+    after = np.searchsorted(series_other.time, changes)
+    until_frame = series_other.time[np.minimum(after, series_other.time.size - 1)] - changes
+    changes = changes[until_frame <= COPY_DELAY_MAX_S]
+    if not inner_other.size or not changes.size:
+        is_equal = not inner_other.size and not inner_one.size and series_one.code_at(end) == series_other.code_at(end)
+        return np.nan if is_equal else None
+    first = _match(series_one, series_other, inner_other, "first", len(codes))
+    zeros = np.zeros(changes.size, dtype=np.int64)
+    since, until = _beside(np.zeros_like(series_other.code), series_other.first, zeros, changes)
+    for is_near in (first.is_since | first.is_until, np.minimum(since, until) <= COPY_DELAY_MAX_S):
+        if np.count_nonzero(is_near) < COPY_FRACTION_MIN * is_near.size:
             return None
-    nearest = np.where(since <= until, since, -until)
-    is_clear = (since <= COPY_DELAY_MAX_S) != (until <= COPY_DELAY_MAX_S)
-    start, end = frames.time[one].min() + COPY_DELAY_MAX_S, frames.time[one].max() - COPY_DELAY_MAX_S
-    is_once = (np.bincount(code_one, minlength=len(codes)) == 1) & (np.bincount(code_other, minlength=len(codes)) == 1)
-    is_clear &= ((time_other >= start) & (time_other <= end)) | is_once[code_other]  # else a counterpart may not be in the log
-    if np.count_nonzero(is_clear) >= (1.0 - COPY_FRACTION_MIN) * is_clear.size:
-        clear = nearest[is_clear]
-        late = np.count_nonzero(clear >= 0.0) / clear.size
-        if max(late, 1.0 - late) >= COPY_FRACTION_MIN:
-            return float(np.median(clear))
-    usual = float(np.median(nearest))
-    return usual if np.median(np.abs(nearest)) <= SAME_TIME_S else np.nan
+    ended = inner_other[inner_other < series_other.code.size - 1]  # the last run may go on after the log
+    last = _match(series_one, series_other, ended, "last", len(codes))
+    bounds = []
+    is_thin = _count(series_other, start, end) <= _count(series_one, start, end)
+    for match, fraction in ((first, 1.0 - COPY_FRACTION_MIN), (last, COPY_FRACTION_MIN)):
+        clear = match.nearest[match.is_clear]
+        if clear.size and clear.size >= (1.0 - COPY_FRACTION_MIN) * match.is_clear.size:
+            bounds.append(float(np.quantile(clear, fraction if is_thin else 1.0 - fraction)))
+    if len(bounds) == 2 and min(bounds) * max(bounds) > 0.0:
+        return float(np.mean(bounds))
+    usual = float(np.median(first.nearest))
+    return usual if np.median(np.abs(first.nearest)) <= SAME_TIME_S else np.nan
 
 
-def _changes(frames: Frames, indices: IndexArray, codes: dict[bytes, int]) -> tuple[IntArray, FloatArray]:
-    """Return a number for the data, from `codes`, and the time of each frame whose data differ from those of the one before."""
-    code = np.array([codes.setdefault(frames.data[index], len(codes)) for index in indices.tolist()], dtype=np.int64)
-    changed = np.flatnonzero(np.diff(code)) + 1
-    return code[changed], frames.time[indices[changed]]
+def _count(series: _Series, start: float, end: float) -> int:
+    return int(np.count_nonzero((series.time >= start) & (series.time <= end)))
+
+
+@dataclass(frozen=True)
+class _Series:
+    """Runs of frames with the same data; the first run, whose begin is not known, is left out.
+
+    Attributes:
+        time: (n,) s, of all frames. start, end: the first and last.
+        start_code: number of the data of the first run.
+        code: (k,) number of the data of each later run.
+        first, last: (k,) time of the first and last frame of each run, s; none if the data never change.
+        before, after: (k,) s to the frame before the first and after the last.
+    """
+
+    time: FloatArray
+    start: float
+    end: float
+    start_code: int
+    code: IntArray
+    first: FloatArray
+    last: FloatArray
+    before: FloatArray
+    after: FloatArray
+
+    @classmethod
+    def of(cls, frames: Frames, indices: IndexArray, codes: dict[bytes, int]) -> _Series:
+        """Return the runs of frames. codes: numbers for the data; new ones are added."""
+        code = np.array([codes.setdefault(frames.data[index], len(codes)) for index in indices.tolist()], dtype=np.int64)
+        time = frames.time[indices]
+        begin = np.flatnonzero(np.diff(code)) + 1
+        finish = np.append(begin[1:] - 1, time.size - 1)[: begin.size]
+        gap = np.append(np.diff(time), 0.0)
+        return cls(
+            np.sort(time),
+            float(time.min()),
+            float(time.max()),
+            int(code[0]),
+            code[begin],
+            time[begin],
+            time[finish],
+            gap[begin - 1],
+            gap[finish],
+        )
+
+    @property
+    def is_constant(self) -> bool:
+        return not self.first.size
+
+    def code_at(self, time: float) -> int:
+        """Return the number of the data at a time."""
+        place = int(np.searchsorted(self.first, time, side="right"))
+        return int(self.code[place - 1]) if place else self.start_code
+
+
+@dataclass(frozen=True)
+class _Match:
+    """Counterparts of runs in another series, (k,).
+
+    Attributes:
+        nearest: s after the nearest counterpart; negative before it.
+        is_since, is_until: whether there is one before, and after.
+        is_clear: whether only one can be it.
+    """
+
+    nearest: FloatArray
+    is_since: BoolArray
+    is_until: BoolArray
+    is_clear: BoolArray
+
+
+def _match(one: _Series, other: _Series, runs: IndexArray, side: str, code_count: int) -> _Match:
+    """Return the counterparts in `one` of runs of `other`. side: "first" or "last" frame of the runs."""
+    code, at = other.code[runs], getattr(other, side)[runs]
+    if not runs.size:
+        return _Match(at, *(np.zeros(0, dtype=bool),) * 3)
+    since, until = _beside(one.code, getattr(one, side), code, at)
+    since_max = COPY_DELAY_MAX_S + (other.before[runs] if side == "first" else 0.0)
+    until_max = COPY_DELAY_MAX_S + (other.after[runs] if side == "last" else 0.0)
+    is_since, is_until = since <= since_max, until <= until_max
+    is_clear = is_since != is_until
+    is_once = (np.bincount(one.code, minlength=code_count) == 1) & (np.bincount(other.code, minlength=code_count) == 1)
+    start, end = one.start + COPY_DELAY_MAX_S, one.end - COPY_DELAY_MAX_S
+    is_clear &= ((at >= start) & (at <= end)) | is_once[code]  # else a counterpart may not be in the log
+    return _Match(np.where(since <= until, since, -until), is_since, is_until, is_clear)
 
 
 def _beside(code: IntArray, time: FloatArray, wanted: IntArray, at: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -99,6 +99,66 @@ def test_a_gateway_may_leave_out_frames(every: int, tmp_path: Path) -> None:
     assert "7 ms later" in findings(log)[0]
 
 
+PARTS = {
+    "half": lambda k: k % 2 == 0,
+    "third": lambda k: k % 3 == 0,
+    "sparse": lambda k: k % 100 == 0,
+    "begin": lambda k: k < 500,
+    "end": lambda k: k >= 500,
+    "gap": lambda k: not 400 <= k < 700,
+}
+
+
+def gateway(part: str, frames_each: int, *, of_original: bool) -> list[can.Message]:
+    """Return 10 s of frames on the second channel and their copies, 12 ms later, on the first; of one of them only a part."""
+    of = {1: PARTS[part] if of_original else bool, 0: bool if of_original else PARTS[part]}
+    numbers = {channel: [k for k in range(1000) if of[channel] is bool or of[channel](k)] for channel in of}
+    return [message(0.01 * k + 0.012 * (1 - at), k // frames_each, channel=at) for at in of for k in numbers[at]]
+
+
+@pytest.mark.parametrize("frames_each", [1, 50])
+@pytest.mark.parametrize("part", PARTS)
+def test_a_part_of_the_copies_does_not_matter(part: str, frames_each: int, tmp_path: Path) -> None:
+    log = opened(tmp_path / "drive.log", gateway(part, frames_each, of_original=False))
+    if (part, frames_each) == ("sparse", 50):  # ten frames of data that change twice a second have no clear order
+        assert "which of them are the copies cannot be determined" in findings(log)[0]
+        return
+    assert fates(log)[Fate.USED] == 1000
+    np.testing.assert_allclose(log.frames.time[log.allotment.keys[0x100, False]], 0.01 * np.arange(1000), atol=1e-6)
+
+
+@pytest.mark.parametrize("frames_each", [1, 50])
+@pytest.mark.parametrize("part", PARTS)
+def test_an_original_that_covers_only_a_part_needs_a_choice(part: str, frames_each: int, tmp_path: Path) -> None:
+    """Neither the late copies nor a part of the drive are used without a word."""
+    log = opened(tmp_path / "drive.log", gateway(part, frames_each, of_original=True))
+    assert set(fates(log)) == {Fate.CONFLICT}
+    what, remedy = log.allotment.conflicts[0x100, False]
+    assert "have the same data" in what
+    assert remedy.startswith("choose a bus with `channel='can0' or 'can1'`")
+    if frames_each == 1:
+        assert what.endswith("; those of channel can1 are 12 ms earlier, but cover only a part of the others")
+    if part == "begin":
+        assert "1000 frames (channel can0, received, 0.01 to 10.00 s) and 500 frames (channel can1, received, 0.00 to" in what
+
+
+def test_frames_of_two_buses_at_different_times_need_a_choice(tmp_path: Path) -> None:
+    messages = [message(0.01 * k, k, channel=int(k >= 500)) for k in range(1000)]
+    what, _ = opened(tmp_path / "drive.log", messages).allotment.conflicts[0x100, False]
+    assert what.endswith("have no time in common")
+
+
+@pytest.mark.parametrize("late_s", [0.0005, 0.012])
+def test_of_one_channel_the_sender_with_most_frames_counts(late_s: float, tmp_path: Path) -> None:
+    """A logger notes only some of the frames that it sends."""
+    messages = [message(0.01 * k + late_s, k) for k in range(200)] + [
+        message(0.01 * k, k, is_rx=False) for k in range(0, 200, 3)
+    ]
+    log = opened(tmp_path / "drive.blf", messages)
+    assert fates(log) == {Fate.USED: 200, Fate.COPY: 67}
+    assert not log.frames.is_sent[log.allotment.keys[0x100, False]].any()
+
+
 def test_copies_of_data_that_repeat_need_a_choice(tmp_path: Path) -> None:
     """Data of a counter from 0 to 3 are 12 ms late or 28 ms early."""
     messages = [message(0.01 * k + 0.012 * channel, k % 4, channel=channel) for k in range(200) for channel in (0, 1)]
