@@ -101,6 +101,21 @@ ASC_FRAME = re.compile(
     r"(?:(?P<channel>\d+)\s+(?:(?P<id>\S+)\s+(?P<direction>Rx|TxRq|Tx)\b|ErrorFrame\b)|CANFD\s+(?P<fd>\d+)\s)",
     re.ASCII | re.IGNORECASE,
 )
+ASC_BODY = re.compile(
+    r"(?:\d+\s+(?:ErrorFrame\b|\S+\s+(?:Rx|TxRq|Tx)\s+(?:r\b|d\s+(?P<dlc>[0-9a-f]+)(?=\s|\Z)(?P<data>.*)))"
+    r"|CANFD\s+\d+\s+(?:Rx|TxRq|Tx)\s+(?:ErrorFrame\b|[0-9a-f]+x?\s+(?:[^\s.]+\s+)?[01]\s+[01]\s+[0-9a-f]+\s+"
+    r"(?P<length>\d+)(?P<fd_data>\s+\S.*)))",
+    re.ASCII | re.IGNORECASE | re.DOTALL,
+)
+"""What a frame has at least."""
+ASC_CUT = re.compile(
+    r"\s*(?:\d+\s*|\d+\s+[0-9a-f]+x?(?:\s.*)?|CAN(?:FD\b.*|\s*\d*\s*)|.*\d\s+[0-9a-f]+x?\s+(?:Rx|Tx)\s+[dr]\s.*)?",
+    re.ASCII | re.IGNORECASE | re.DOTALL,
+)
+"""An event that begins as a frame does, or has one inside: a line that was cut, and may go on with the next one."""
+STAMP_CUT = re.compile(r"\s*-?\d+\.?\s*", re.ASCII)
+FRAME_END = re.compile(r"(?:^|\s)(?:Rx|Tx)\s+[dr]\s", re.ASCII)
+DAMAGED_LINE = "its line is damaged"
 ASC_ID = re.compile(r"[0-9a-f]+x?", re.ASCII | re.IGNORECASE)
 ASC_BASE = re.compile(r"\s*base\s+(hex|dec)(?:\s+timestamps\s+(absolute|relative))?", re.IGNORECASE)
 ASC_PLAIN = re.compile(r"\s*(?:\Z|date\s|//|(?:no\s+)?internal\s+events\s+logged|(?:begin|end)\s+triggerblock)", re.IGNORECASE)
@@ -114,6 +129,8 @@ class AscLines(Lines):
 
     is_relative = False
     first_strange = ""
+    header_line = 0
+    """Line with the kind of the stamps; 0 for none."""
     _base = ""
 
     def _lines(self) -> Iterator[str]:
@@ -130,13 +147,17 @@ class AscLines(Lines):
             word, rest = stamp.groups()
             frame = ASC_FRAME.match(rest)
             if not ASC_TIME.fullmatch(word):
-                if frame is None:
+                if frame is None or word.count(".") > 1:
                     self._strange(text)  # a comment that begins with a number
                     continue
                 what = f"a frame has an invalid time, {one_line(word, 40)}"
                 remedy = "export it with decimal points" if DECIMAL_COMMA.fullmatch(word) else REMEDY
                 raise CodegenError(what, where=self.place(), remedy=remedy)
             now = float(word) + (now if self.is_relative else 0.0)  # every event counts, not only frames
+            if frame is None and _is_cut(rest):
+                self.frame(now, "")
+                self.settle(DAMAGED_LINE)
+                continue
             if frame is None:
                 other = OTHER_WORDS.match(rest)
                 self.into.others[other[1] if other else "other event"] += 1
@@ -152,7 +173,25 @@ class AscLines(Lines):
             if frame["id"] and not ASC_ID.fullmatch(frame["id"]):
                 self.settle("its identifier is a name; log numbers")
                 continue
+            if not self._is_whole(rest):
+                self.settle(DAMAGED_LINE)
+                continue
             yield text.replace(word, word.lstrip("-"), 1)
+
+    def _is_whole(self, rest: str) -> bool:
+        """Return whether a frame behind its stamp has all that python-can needs. Too few bytes are found later."""
+        body = ASC_BODY.match(rest)
+        if body is None or not (body["dlc"] or body["length"]):
+            return body is not None
+        is_hex = self._base != "dec"
+        if not is_hex and not (body["length"] or body["dlc"]).isdigit():
+            return False
+        length = int(body["length"]) if body["length"] else min(int(body["dlc"], 16 if is_hex else 10), 8)
+        words = (body["fd_data"] or body["data"]).split()[:length]
+        if is_hex and len(words) == length > 1 and len(words[-1]) == 1 and all(len(word) == 2 for word in words[:-1]):
+            return False  # the line is cut within its last byte
+        byte = HEX_BYTE if is_hex else DECIMAL_BYTE
+        return all(byte.fullmatch(word) for word in words)
 
     def _take_base(self, base: re.Match[str], in_header: bool) -> None:
         """Take over the base of the numbers and the kind of the stamps. Raises CodegenError if the base changes."""
@@ -161,12 +200,28 @@ class AscLines(Lines):
             what = f"the base of its numbers becomes {found} behind its first frame"
             raise CodegenError(what, where=self.place(), remedy="give the logs that it was made of, one by one")
         self._base = found
+        self.header_line = self.number if base[2] else self.header_line
         self.is_relative = self.is_relative or (base[2] or "").lower() == "relative"
 
     def _strange(self, text: str) -> None:
+        if (FRAME_END.search(text) or STAMP_CUT.fullmatch(text)) and not ASC_PLAIN.match(text):
+            self.frame(0.0, "")
+            self.settle(DAMAGED_LINE)
+            return
         if not ASC_PLAIN.match(text):
             self.first_strange = self.first_strange or f"line {self.number}: {one_line(text, 60)}"
             self.into.others[NO_EVENT] += 1
+
+
+def _is_cut(rest: str) -> bool:
+    """Return whether an event that is no frame is the rest of one."""
+    word = rest.split(maxsplit=1)[1].strip() if re.match(r"\d+\s+\S", rest) else rest.strip()
+    is_begin = any(name.startswith(word) for name in (ERROR_WORD, "CANFD"))
+    return is_begin or (ASC_CUT.fullmatch(rest) is not None and not rest.startswith("J1939"))
+
+
+ERROR_WORD = "ErrorFrame"
+HEX_BYTE, DECIMAL_BYTE = re.compile(r"[0-9A-Fa-f]{1,2}", re.ASCII), re.compile(r"\d{1,3}", re.ASCII)
 
 
 def read_asc(path: Path) -> tuple[Collector, str]:
@@ -180,6 +235,11 @@ def read_asc(path: Path) -> tuple[Collector, str]:
     if not into.in_file and set(into.others) == {NO_EVENT}:
         what = f"not an ASC: no line is an event (first: {lines.first_strange})"
         raise CodegenError(what, where=path, remedy="give a log of CANoe, CANalyzer or codegen hil")
+    time = np.array(into.times)
+    if not lines.is_relative and time.size and np.ptp(time) > 0.0 and are_differences(time):
+        what = "its stamps do not grow: they are times from the event before, but its header has no `timestamps relative`"
+        remedy = "change `absolute` to `relative` there, or export it with absolute stamps"
+        raise CodegenError(what, where=f"{path}, line {max(lines.header_line, 1)}", remedy=remedy)
     return into, "time from the event before" if lines.is_relative else "time from the start of the log"
 
 

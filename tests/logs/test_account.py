@@ -238,6 +238,56 @@ def test_relative_stamps_of_an_asc_are_added_up(tmp_path: Path) -> None:
     assert dict(account.others) == {"Start": 1, "Statistic": 1}
 
 
+@pytest.mark.parametrize("of_event", [False, True])
+def test_relative_stamps_under_an_absolute_header_are_refused(of_event: bool, tmp_path: Path) -> None:
+    """Taken as they are, the period of every message would be 0."""
+    steps = [0.0] + [0.0002, 0.0098] * 20
+    lines = [f"{step:.6f} 1 {0x100 + k % 2:X} Rx d 1 00" for k, step in enumerate(steps)]
+    if of_event:
+        lines[1::10] = ["0.000200 1 Statistic: D 0"] * len(lines[1::10])
+    with pytest.raises(CodegenError, match=r"line 2: its stamps do not grow.*change `absolute` to `relative` there"):
+        read_frames(asc(tmp_path / "drive.asc", lines))
+    frames, _ = read_frames(asc(tmp_path / "drive.asc", lines, "relative"))
+    assert frames.time[-1] == pytest.approx(0.2)
+
+
+CLASSIC_LINE = "   0.020000 1  100             Rx   d 8 00 11 22 33 44 55 66 77"
+FD_LINE = "   0.020000 CANFD   1 Rx        123                 Name   0 0 8  8 00 11 22 33 44 55 66 77   0    0     3000   0"
+
+
+@pytest.mark.parametrize("line", [CLASSIC_LINE, FD_LINE, "   0.020000 1  ErrorFrame"])
+@pytest.mark.parametrize("goes_on", [False, True])
+def test_a_line_of_an_asc_that_is_cut_is_a_frame_that_is_not_read(line: str, goes_on: bool, tmp_path: Path) -> None:
+    """It may go on with the line behind it, as a block of the file is missing. The sum closes wherever it is cut."""
+    whole = "   0.010000 1  100             Rx   d 8 00 11 22 33 44 55 66 77"
+    last_byte = line.rfind("77") + 1 if "77" in line else len(line) - 1
+    for length in range(4, last_byte + 1):
+        cut = line[:length] + ("" if goes_on else "\n") + whole
+        frames, account = read_frames(asc(tmp_path / "drive.asc", [whole, cut]))
+        assert account.in_file == (2 if goes_on else 3), cut
+        assert len(frames) == account.in_file - 1
+        ((reason, lost),) = account.skipped.items()
+        assert (reason, lost) in {(reason, (1, "line 5")) for reason in ("its line is damaged", "fewer bytes than its length")}
+        assert not account.others
+
+
+def test_events_that_are_no_frames_are_not_damaged(tmp_path: Path) -> None:
+    lines = [
+        "0.010000 CAN 1 Status:chip status error active",
+        "0.010000 J1939TP FEE3p 6 0 0 - Rx d 23 A0 0F A6 60 3B D1 40 1F DE 80",
+        "0.010000 1  Statistic: D 0 R 0 XD 18 XR 0 E 0 O 0 B 0.04%",
+        "0.010000 log trigger event",
+        "// 5 1 100 Rx d 1 00",
+        "0.010000 1  100  TxRq d 1 00",
+        "0.010000 1  100  Rx   d 1 0 Length = 0 BitCount = 64",
+        "0.020000 1  100  Rx   r 8",
+        "0.030000 1  100  Rx   d 0",
+    ]
+    frames, account = read_frames(asc(tmp_path / "drive.asc", lines))
+    assert (len(frames), account.in_file, dict(account.skipped)) == (3, 3, {})
+    assert account.others == {"Status": 1, "J1939TP": 1, "Statistic": 1, "log": 1, "transmit request": 1}
+
+
 def test_a_frame_before_the_start_of_the_measurement_is_read(tmp_path: Path) -> None:
     frames, account = read_frames(asc(tmp_path / "drive.asc", ["-0.010000 1 100 Rx d 1 00", "0.010000 1 100 Rx d 1 01"]))
     assert frames.time.tolist() == [-0.01, 0.01]
