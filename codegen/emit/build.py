@@ -305,7 +305,7 @@ def _code(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         "measured": config.can.measured,
         "carried": CARRIED,
         "statuses": STATUSES,
-        "supervision": supervision.VIEW,
+        "supervision": supervision,
         "task": task_view(config),
         "xcp": xcp_view(config, task_view(config).function),
         "config": config,

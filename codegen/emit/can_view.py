@@ -38,6 +38,10 @@ class Cause:
         """The bit as a C literal."""
         return f"0x{1 << self.bit:04X}u"
 
+    def counts(self, period: float) -> tuple[int, int]:
+        """Return the counts of samples from which the event has failed and has passed, of samples every `period` s."""
+        return max(round(self.fails_after_s / period), 1), -max(round(self.passes_after_s / period), 1)
+
 
 _RECEPTION = (
     ("MISSING", "no frame in this cycle", "missing"),
@@ -354,7 +358,12 @@ class CanView:
     @property
     def to_value(self) -> str:
         """C operator and operand from code to value."""
-        return f"{'/' if self.exact else '*'} {self.scale}"
+        return f"{self.value_operator} {self.scale}"
+
+    @property
+    def value_operator(self) -> str:
+        """C operator from code to value."""
+        return "/" if self.exact else "*"
 
     @property
     def is_fd(self) -> bool:

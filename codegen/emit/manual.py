@@ -23,7 +23,7 @@ from codegen.emit.render import render
 from codegen.emit.requirements import ON_THE_CAR, REQUIREMENT_HEADER
 from codegen.emit.supervision import CAUSES, EXCEPTIONS, STATES, causes_of_bit, reaction_of, status_text
 from codegen.errors import one_line
-from codegen.units import KM_H
+from codegen.units import DEGREE, KM_H
 
 Figures = Mapping[str, Any]
 Formatted = TypeVar("Formatted")
@@ -54,45 +54,6 @@ class Table:
     rows: tuple[tuple[str, ...], ...]
 
 
-@dataclass(frozen=True)
-class CheckView:
-    """A check as shown in the manual."""
-
-    name: str
-    title: str
-    shows: str
-    figure: str
-    verdict: str
-    findings: tuple[str, ...]
-    limits: tuple[str, ...]
-    tools: str
-    tables: tuple[Table, ...]
-
-
-@dataclass(frozen=True)
-class MapView:
-    """Origin and range of the map.
-
-    Attributes:
-        solved: whether the optimisation made it; otherwise it is a user's table.
-        source: source of the configuration: "map", "preset" or a file name.
-        covered: speed and angle ranges of the map's own cells; None if the manifest lacks them.
-        cells: number of cells by rule.
-    """
-
-    solved: bool
-    case: str
-    source: str
-    covered: str | None
-    cells: Table | None
-    speed_end: str
-    front_angle_end: str
-    cap: str
-    friction: str
-    frictions: tuple[str, ...]
-    accelerations: tuple[str, ...]
-
-
 def manual(record: Figures, manifest: Figures, titles: Mapping[str, str]) -> str:
     """Return the text of `verify.md`, in Markdown.
 
@@ -112,7 +73,15 @@ def manual(record: Figures, manifest: Figures, titles: Mapping[str, str]) -> str
         "supervision": _supervision(),
         "on_the_car": Table(("id", "requirement on the other nodes"), ON_THE_CAR),
         "counts": {verdict.replace(" ", "_"): count for verdict, count in record["counts"].items()},
-        "map": _map(manifest),
+        "map": manifest["map"],
+        "frictions": [f"{value:g}" for value in manifest["map"]["frictions"]],
+        "accelerations": [f"{value:g}" for value in manifest["map"].get("longitudinal_accelerations", ())],
+        "km_h": KM_H,
+        "degree": DEGREE,
+        "case": _ascii(manifest["inputs"].get("map", {}).get("case") or ""),
+        "source": _ascii(manifest["inputs"]["configuration"]["source"]),
+        "covered": _tolerant(_covered, manifest["map"]),
+        "cells": _tolerant(_cells, manifest["map"]),
         "law": LAWS[config.controller.kind],
         "overshoot": f"{100.0 * (REFERENCE_OVERSHOOT - 1.0):.0f}",
         "config": config,
@@ -123,19 +92,20 @@ def manual(record: Figures, manifest: Figures, titles: Mapping[str, str]) -> str
     return render("verify/manual.md.j2", context).decode("ascii")
 
 
-def _check(name: str, title: str, found: Figures) -> CheckView:
+def _check(name: str, title: str, found: Figures) -> dict[str, Any]:
+    """Return the record of a check as the manual prints it: in ASCII, with its title, and its figures as tables."""
     formatted = (_tolerant(formatter, found["figures"]) for formatter in FIGURE_TABLES.get(name, ()))
-    return CheckView(
-        name=name,
-        title=title,
-        shows=_ascii(found["shows"]),
-        figure=_ascii(found["figure"]) or "-",
-        verdict=found["verdict"],
-        findings=tuple(map(_ascii, found["findings"])),
-        limits=tuple(map(_ascii, found["limits"])),
-        tools=_ascii(", ".join(_tool(*each) for each in found["tools"].items())),
-        tables=tuple(table for table in formatted if table and table.rows),
-    )
+    return {
+        "name": name,
+        "title": title,
+        "verdict": found["verdict"],
+        "shows": _ascii(found["shows"]),
+        "figure": _ascii(found["figure"]) or "-",
+        "findings": [_ascii(text) for text in found["findings"]],
+        "limits": [_ascii(text) for text in found["limits"]],
+        "tools": _ascii(", ".join(_tool(*each) for each in found["tools"].items())),
+        "tables": [table for table in formatted if table and table.rows],
+    }
 
 
 def _supervision() -> dict[str, Table]:
@@ -170,23 +140,6 @@ def _ascii(text: str) -> str:
 def _text(value: int | str) -> str:
     """Format a value. Raises ValueError for other types."""
     return _ascii(value) if isinstance(value, str) else f"{value:,d}"
-
-
-def _map(manifest: Figures) -> MapView:
-    table, inputs = manifest["map"], manifest["inputs"]
-    return MapView(
-        solved=table["solved"],
-        case=_ascii(inputs.get("map", {}).get("case") or ""),
-        source=_ascii(inputs["configuration"]["source"]),
-        covered=_tolerant(_covered, table),
-        cells=_tolerant(_cells, table),
-        speed_end=f"{table['speed_m_s'][-1] / KM_H:.4g}",
-        front_angle_end=f"{degrees(table['front_angle_rad'][-1]):.4g}",
-        cap=f"{table['lateral_acceleration_cap_m_s2']:.4g}",
-        friction=f"{table['friction']:g}",
-        frictions=tuple(f"{value:g}" for value in table["frictions"]),
-        accelerations=tuple(f"{value:g}" for value in table.get("longitudinal_accelerations", ())),
-    )
 
 
 def _covered(table: Figures) -> str:

@@ -181,18 +181,5 @@ def causes_of_bit(name: str) -> tuple[Cause, ...]:
     return tuple(cause for cause, row in CAUSES.items() if name in row.bits)
 
 
-@dataclass(frozen=True)
-class SupervisionView:
-    """Everything that the templates of the supervision print."""
-
-    states: Mapping[State, StateRow]
-    causes: Mapping[Cause, CauseRow]
-    exceptions: Mapping[tuple[State, Cause], State]
-
-    @property
-    def holding(self) -> int:
-        """Bits of the causes that hold the integrator."""
-        return sum(1 << cause for cause, row in self.causes.items() if row.holds_integrator)
-
-
-VIEW = SupervisionView(STATES, CAUSES, EXCEPTIONS)
+HOLDING = sum(1 << cause for cause, row in CAUSES.items() if row.holds_integrator)
+"""Bits of the causes that hold the integrator."""

@@ -55,8 +55,8 @@ class ControlUnits(Conditions):
         for name in names:
             yield Claim(f"{name} is in range", self.between(f"{sample}{name}", *self.law.sample_ranges[name]))
 
-    def _acceleration(self, name: str) -> Claim:
-        return Claim(f"{name.split('->')[-1]} is in range", self.within(name, LATERAL_ACCELERATION_MAX_M_S2))
+    def _acceleration(self, name: str, struct: str = "") -> Claim:
+        return Claim(f"{name} is in range", self.within(f"{struct}{name}", LATERAL_ACCELERATION_MAX_M_S2))
 
     def _law_units(self) -> Iterator[ProvedFunction]:
         own, unit = self.own, self.own("law")
@@ -73,7 +73,7 @@ class ControlUnits(Conditions):
         )
         requires = (
             *self._ranges("sample->", self.law.sample_ranges),
-            self._acceleration("sample->lateral_acceleration"),
+            self._acceleration("lateral_acceleration", "sample->"),
             Claim("inhibit is true or false", "is_flag(sample->inhibit)"),
             Claim("phase is one of its enumerators", self.is_code("phase", 2)),
             angle,

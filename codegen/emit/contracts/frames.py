@@ -170,7 +170,7 @@ class FrameUnits(Conditions):
             place = f"code_in(data, {layout.start_bit}u, {layout.length}u, {str(signal.byte_order == 'motorola').lower()})"
             received = ""
             if isinstance(layout, RealSignal):
-                value = f"((({self.real}){codes[role]} {self.can.to_value.split()[0]} {signal.scale}){signal.offset})"
+                value = f"((({self.real}){codes[role]} {self.can.value_operator} {signal.scale}){signal.offset})"
                 code = f"((uint32_t){codes[role]} & {mask})"
                 absent = f"({codes[role]} == {layout.raw_not_available})"
                 received = f"{absent} ? (unpacked.{role} != unpacked.{role}) : (unpacked.{role} == {value})"

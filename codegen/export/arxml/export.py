@@ -26,7 +26,6 @@ from codegen.export.arxml.constraints import check_names, check_transformer
 from codegen.export.arxml.view import (
     PLATFORM_TYPES,
     CalibrationView,
-    event_view,
     map_views,
     message_views,
     parameter_views,
@@ -199,7 +198,7 @@ def _context(manifest: Mapping[str, Any], config: Config, protection: Protection
         "layouts": _layouts(calibrated),
         "units": in_order(used),
         "event_status": EVENT_STATUS,
-        "events": tuple(event_view(cause, period) for cause in (*can.diagnostics, REJECTED)),
+        "events": (*can.diagnostics, REJECTED),
         "nodes": NODES,
         "frame_bytes": can.frame_bytes,
         "platform_types": PLATFORM_TYPES,

@@ -17,7 +17,7 @@ from codegen.configuration.can import NODES, Message, RealSignal
 from codegen.configuration.e2e_profiles import Profile
 from codegen.ecu_map.storage import RAW_MAX
 from codegen.emit.a2l_view import OF_THE_ANGLE
-from codegen.emit.can_view import Cause, Frame, FrameSignal, HeaderField
+from codegen.emit.can_view import Frame, FrameSignal, HeaderField
 from codegen.emit.controller_view import parameters_by_path
 from codegen.emit.map_view import FRONT_ANGLE_TOP, SPEED_TOP, TABLE_RANGES
 from codegen.emit.render import exact_decimal
@@ -166,17 +166,6 @@ class CalibrationView:
     def array(self) -> str:
         """Name of its array type; "" for a single number."""
         return "_".join((self.type.capitalize(), *map(str, self.shape))) if self.shape else ""
-
-
-@dataclass(frozen=True)
-class EventView:
-    """A diagnostic event: its bit, and the thresholds of a counter of samples."""
-
-    name: str
-    text: str
-    mask: str
-    failed: int
-    passed: int
 
 
 def group_name(frame: Frame) -> str:
@@ -329,9 +318,3 @@ def map_views(manifest: Mapping[str, Any], prefix: str, precision: Precision) ->
 def _axis(name: str, text: str, symbol: Mapping[str, Any], low: str, high: str, precision: Precision) -> CalibrationView:
     shape, unit = tuple(symbol["shape"]), unit_of(symbol["unit"])
     return CalibrationView(name, name, text, "COM_AXIS", real_type(precision), shape, unit, low, high)
-
-
-def event_view(cause: Cause, period: float) -> EventView:
-    """Return the event of a cause; a sample takes `period` in s."""
-    failed, passed = (max(round(time / period), 1) for time in (cause.fails_after_s, cause.passes_after_s))
-    return EventView(cause.name, cause.text, f"0x{1 << cause.bit:X}u", failed, -passed)
