@@ -58,6 +58,16 @@ class Identified(Section):
     ] = Field(default=False, exclude_if=lambda accepted: not accepted)
 
     @property
+    def floor_note(self) -> str:
+        """A note if the cars of a family may differ less than those of one series; "" for nothing."""
+        if not self.keys or self.interval_floor_percent >= INTERVAL_FLOOR_PERCENT:
+            return ""
+        return (
+            f"identified.interval_floor_percent = {self.interval_floor_percent:g} lets a family of cars vary less than "
+            f"±{INTERVAL_FLOOR_PERCENT:g} %, as cars of one series do; leave it out unless it is about one car"
+        )
+
+    @property
     def is_doubtful(self) -> bool:
         """Whether there are doubts that nobody accepted."""
         return bool(self.doubts) and not self.doubts_accepted

@@ -173,7 +173,7 @@ def load_map(path: PathLike) -> Map:
     data = archive.read_map_file(place)
     found = Map(npz.from_bytes(data, place), place, data)
     if found.config is not None:
-        found.notes = tuple(filter(None, [of_map(found.reference_map, found.config).note]))
+        found.notes += tuple(filter(None, [of_map(found.reference_map, found.config).note]))
     return found
 
 

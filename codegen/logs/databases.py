@@ -24,7 +24,7 @@ from codegen.limits import Limits
 from codegen.requirements import missing
 
 if TYPE_CHECKING:
-    from cantools.database.can import Database, Message
+    from cantools.database.can import Database, Message, Signal
 
 DATABASE_ENDINGS = (".dbc", ".arxml")
 DATABASE_BYTES_MAX = 2**28
@@ -230,7 +230,56 @@ def load_database(path: Path) -> Loaded:
         findings.append(f"{count} {'line is' if count == 1 else 'lines are'} left out: {reason} (first: {first})")
     for message in found.messages:
         _lengthen(message)
-    return Loaded(path, found, (*findings, *warnings), left_out)
+    findings += _overlapping(found.messages)
+    texts = dict.fromkeys(map(_in_our_words, warnings))
+    return Loaded(path, found, (*findings, *texts), left_out)
+
+
+SAME_NAME = re.compile(r"Overwriting message '(.*)' with '(.*)' in the name to message dictionary")
+SAME_IDENTIFIER = re.compile(r"Overwriting message '(.*)' with '(.*)' in the frame id .* identical masked frame ids (\w+)")
+
+
+def _in_our_words(warning: str) -> str:
+    """Return the finding of a warning of cantools, which speaks of its dictionaries."""
+    if match := SAME_NAME.match(warning):
+        return f"the message name {match[1]} is there twice; its messages differ by their identifiers"
+    if match := SAME_IDENTIFIER.match(warning):
+        return f"the messages {match[1]} and {match[2]} have the same identifier {match[3]}"
+    return warning
+
+
+def _overlapping(messages: Sequence[Message]) -> Iterator[str]:
+    """Yield a finding if signals of a message that can be in one frame have common bits: one of them may be wrong."""
+    found = []
+    for message in messages:
+        if message.is_container:
+            continue
+        signals = [(signal, _bits(signal)) for signal in message.signals]
+        for number, (one, bits) in enumerate(signals):
+            other = next((other for other, others in signals[:number] if bits & others and not _are_apart(one, other)), None)
+            if other is not None:
+                found.append(f"{message.name}: {' and '.join(sorted((one.name, other.name)))}")
+                break
+    if found:
+        count = "1 message" if len(found) == 1 else f"{len(found)} messages"
+        yield f"signals of {count} overlap; check their start bits (first: {found[0]})"
+
+
+def _are_apart(one: Signal, other: Signal) -> bool:
+    """Return whether two signals are in different frames: they have one multiplexer, and no common value of it."""
+    ids, others = one.multiplexer_ids, other.multiplexer_ids
+    if not ids or not others:
+        return False
+    return one.multiplexer_signal != other.multiplexer_signal or not set(ids) & set(others)
+
+
+def _bits(signal: Signal) -> int:
+    """Return the bits of a frame that a signal has, as a mask."""
+    if signal.byte_order == "little_endian":
+        return ((1 << signal.length) - 1) << signal.start
+    start = 8 * (signal.start // 8) + 7 - signal.start % 8  # from the highest bit of the first byte
+    places = range(start, start + signal.length)
+    return sum(1 << (8 * (place // 8) + 7 - place % 8) for place in places)
 
 
 def _without_wrong_scales(message: Message) -> Iterator[str]:

@@ -431,7 +431,13 @@ def choose_config(reference_map: ReferenceMap | None, given: Path | Config | Non
 
 
 def grip_notes(config: Config, cases: Iterable[str | None] | None = None) -> Iterator[str]:
-    """Yield notes on the grip that maps leave unused, and on what drives did not reach: of some cases, by default of all."""
+    """Yield notes on the grip that maps leave unused, what drives did not reach, and how little their keys vary.
+
+    Args:
+        cases: those that are of interest, by default all.
+    """
+    if floor_note := config.identified.floor_note:
+        yield floor_note
     chosen = config.cases if cases is None else list(cases)
     reached = [(axle, share) for axle, share in zip(("front", "rear"), grip_known(config), strict=True) if share < 1.0]
     if config.limits.grip_use_max is None:

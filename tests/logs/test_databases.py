@@ -183,7 +183,38 @@ def test_two_messages_with_one_identifier_are_both_offered(tmp_path: Path) -> No
     databases = Databases([write(tmp_path, text)])
     assert databases.names_of((256, False)) == ["Motion", "MotionB"]
     assert databases.conflicts == {(256, False): "the identifier 0x100 is in Motion (car.dbc) and MotionB (car.dbc)"}
-    assert "Overwriting message 'Motion' with 'MotionB'" in databases.findings[0]  # the library's warning
+    assert databases.findings == ["car.dbc: the messages Motion and MotionB have the same identifier 0x100"]
+
+
+def test_a_message_name_that_is_there_twice_is_a_finding(tmp_path: Path) -> None:
+    """The findings are not those of the library, which speaks of its dictionaries."""
+    text = DBC + 'BO_ 260 Motion: 8 A\n SG_ YawRate : 16|16@1- (0.01,0) [0|0] "°/s" A\n'
+    databases = Databases([write(tmp_path, text)])
+    finding = "car.dbc: the message name Motion is there twice; its messages differ by their identifiers"
+    assert databases.findings == [finding]
+    assert {(256, False), (260, False)} <= set(databases.messages)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "overlap"),
+    [
+        ("One : 0|16@1+", "Two : 8|8@1+", True),
+        ("One : 0|16@1+", "Two : 16|8@1+", False),
+        ("One : 7|16@0+", "Two : 8|8@1+", True),
+        ("One : 7|16@0+", "Two : 23|8@0+", False),
+        ("One : 3|12@0+", "Two : 0|4@1+", True),
+        ("One : 3|12@0+", "Two : 4|4@1+", False),
+        ("One m0 : 8|8@1+", "Two m1 : 8|8@1+", False),
+        ("One m1 : 8|16@1+", "Two m1 : 16|8@1+", True),
+        ("One m1 : 8|8@1+", "Two : 8|8@1+", True),
+    ],
+)
+def test_signals_that_overlap_in_one_frame_are_a_finding(first: str, second: str, overlap: bool, tmp_path: Path) -> None:
+    selector = "" if " m" not in first else ' SG_ Select M : 56|8@1+ (1,0) [0|0] "" A\n'
+    text = f'{DBC}BO_ 300 Mixed: 8 A\n{selector} SG_ {first} (1,0) [0|0] "" A\n SG_ {second} (1,0) [0|0] "" A\n'
+    findings = Databases([write(tmp_path, text)]).findings
+    expected = "car.dbc: signals of 1 message overlap; check their start bits (first: Mixed: One and Two)"
+    assert findings == ([expected] if overlap else [])
 
 
 def test_equal_messages_of_two_databases_are_one(tmp_path: Path) -> None:

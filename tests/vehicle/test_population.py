@@ -9,6 +9,7 @@ from codegen import configuration
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.errors import ConfigError
+from codegen.map_file.map import choose_config
 from codegen.vehicle.population import INTERVAL_DEVIATIONS, draw, with_values
 from codegen.vehicle.tyre import AxleTyres
 
@@ -94,6 +95,15 @@ def test_cars_never_differ_less_than_the_floor(floor: float, percent: float) -> 
 
 def test_a_file_has_a_floor_of_five_percent() -> None:
     assert configuration.preset().identified.interval_floor_percent == 5.0
+
+
+@pytest.mark.parametrize(("floor", "is_noted"), [(0.0, True), (4.9, True), (5.0, False), (8.0, False)])
+def test_a_lower_floor_has_a_note(floor: float, is_noted: bool) -> None:
+    config = identified([DELAY], [1e-3], [[1.0]])
+    config = config.replace({"identified": {"interval_floor_percent": floor}})
+    notes = [note for note in choose_config(None, config).notes if note.startswith("identified.interval_floor_percent")]
+    assert len(notes) == is_noted
+    assert not configuration.preset().replace({"identified": {"interval_floor_percent": floor}}).identified.floor_note
 
 
 def test_a_car_that_no_file_may_have_is_drawn_again() -> None:
