@@ -31,6 +31,18 @@ def suggestion(word: str, known: Iterable[str]) -> str:
     return f"; did you mean {near[0]!r}?" if near else ""
 
 
+def parts_of(message: object) -> tuple[str, str]:
+    """Return what is wrong and the remedy of a message "what; remedy", as validators raise it in a ValueError.
+
+    Libraries that call the validators keep only the text, so this is the one place that takes it apart.
+
+    >>> parts_of("-5 is outside 0 to 10; check the value")
+    ('-5 is outside 0 to 10', 'check the value')
+    """
+    what, _, remedy = str(message).partition("; ")
+    return what, remedy
+
+
 class CodegenError(Exception):
     """Input that cannot be used, or a request that cannot be met.
 

@@ -32,7 +32,7 @@ from pydantic import AfterValidator, Field, ValidationError
 from codegen.arrays import FloatArray
 from codegen.configuration import Config, parse_toml, preset
 from codegen.configuration.section import Location, Range, Section, check_name, first_fault
-from codegen.errors import CodegenError, suggestion
+from codegen.errors import CodegenError, parts_of, suggestion
 from codegen.files import read_text
 from codegen.sil.software import RECORD_COLUMNS
 from hil_sim.faults import ADDED_KINDS, FRAME_KINDS, VALUE_KINDS, Fault, FaultKind
@@ -134,7 +134,7 @@ def _name_of(given: ScenarioFile, path: Path) -> str:
     try:
         return check_name(path.stem)
     except ValueError as error:
-        what, _, remedy = str(error).partition("; ")
+        what, remedy = parts_of(error)
         raise CodegenError(what, where=path, remedy=f"rename the file, or give it a name: {remedy}") from None
 
 
@@ -401,5 +401,5 @@ def _check_range(value: float, name: str, place: str) -> None:
         if name == "inhibit" and value not in (0.0, 1.0):
             raise ValueError(f"{value:g} is neither 0 nor 1; write 1 where ESC or ABS acts")
     except ValueError as error:
-        what, _, remedy = str(error).partition("; ")
+        what, remedy = parts_of(error)
         raise CodegenError(what, where=place, remedy=remedy) from None

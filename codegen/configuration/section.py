@@ -16,7 +16,7 @@ from typing import Any, ClassVar, get_args
 from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, GetJsonSchemaHandler, ValidationError
 from pydantic_core import CoreSchema, ErrorDetails, core_schema
 
-from codegen.errors import CodegenError, one_line, suggestion
+from codegen.errors import CodegenError, one_line, parts_of, suggestion
 
 NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,62}\Z", re.ASCII)
 
@@ -243,7 +243,7 @@ def first_fault(
         message = _length_fault(fault)
     else:
         message = needed(fault)
-    what, _, remedy = message.partition("; ")
+    what, remedy = parts_of(message)
     return kind(what, where=place, remedy=remedy or "correct the value")
 
 

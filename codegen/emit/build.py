@@ -40,7 +40,7 @@ from codegen.emit.symbols import symbols_of
 from codegen.emit.take_over import SBOM_FILE, sbom, take_over_files
 from codegen.emit.text import Precision, c_type, check_prefix, comment_text, literal, numpy_type
 from codegen.emit.xcp_view import xcp_view
-from codegen.errors import BuildError
+from codegen.errors import BuildError, parts_of
 from codegen.map_file import judged
 from codegen.map_file import map as npz
 from codegen.map_file.map import ReferenceMap
@@ -113,7 +113,7 @@ class BuildOptions:
         try:
             check_name(self.name)
         except ValueError as error:
-            what, _, remedy = str(error).partition("; ")
+            what, remedy = parts_of(error)
             raise BuildError(what, where="name of the build", remedy=f"rename the map or the output folder: {remedy}") from None
 
 

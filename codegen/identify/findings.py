@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from codegen.errors import CodegenError
+from codegen.errors import CodegenError, parts_of
 
 CLOCK = "clock"
 GAP = "gap"
@@ -56,5 +56,5 @@ def refuse_contradictions(findings: Iterable[Finding]) -> None:
     """Raise CodegenError if signals of a drive contradict each other."""
     for each in findings:
         if each.kind == CONTRADICTION:
-            what, _, remedy = each.text.partition("; ")
+            what, remedy = parts_of(each.text)
             raise CodegenError(what, where=f"{each.drive}: {each.quantity}", remedy=f"{remedy} in names.toml, for `signals=`")

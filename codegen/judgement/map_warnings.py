@@ -12,7 +12,7 @@ import numpy as np
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.emit.limiter_view import LimiterCut, cut_text
-from codegen.errors import MapError
+from codegen.errors import MapError, parts_of
 from codegen.judgement.car_warnings import is_limit_beyond_actuator
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.nonlinear import slip_use
@@ -198,5 +198,5 @@ def beyond_grip(reference_map: ReferenceMap) -> str:
 def require_grip(reference_map: ReferenceMap, where: object) -> None:
     """Raise MapError for a map that no road car can follow."""
     if text := beyond_grip(reference_map):
-        what, _, remedy = text.partition("; ")
+        what, remedy = parts_of(text)
         raise MapError(what, where=where, remedy=f"{remedy}; or build with `beyond_grip=True`")

@@ -29,7 +29,7 @@ import numpy as np
 from codegen import __version__, configuration
 from codegen.arrays import AnyArray, BoolArray, FloatArray
 from codegen.configuration import Config, Controller, Tightening, check_name, parse
-from codegen.errors import CodegenError, ConfigError, MapError
+from codegen.errors import CodegenError, ConfigError, MapError, parts_of
 from codegen.files import write_atomically
 from codegen.map_file import archive, tables
 from codegen.map_file.bounds import MARKS
@@ -368,7 +368,7 @@ def _check_case(case: object, place: str) -> None:
         if case is not None:
             check_name(case if isinstance(case, str) else "")
     except ValueError as error:
-        what, _, remedy = str(error).partition("; ")
+        what, remedy = parts_of(error)
         raise MapError(what, where=place, remedy=remedy) from error
 
 

@@ -33,7 +33,9 @@ from codegen.ecu_map.storage import Scales
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.can_view import DIAGNOSTIC_CAUSES
 from codegen.emit.folder import read_files, read_manifest
+from codegen.emit.manifest import read_build
 from codegen.emit.misra_rules import ADVISORY
+from codegen.emit.objects import Layout
 from codegen.emit.write import write_folder
 from codegen.export.arxml.export import Access, Protection, export
 from codegen.export.firmware import record
@@ -343,18 +345,16 @@ def test_readers_find_the_profile_and_its_data_ids(profile: ProfileName, tmp_pat
 def test_the_calibration_is_that_of_the_a2l(name: str) -> None:
     """Both formats name the same C objects, with the same sizes, axes and limits."""
     prefix, (model, _) = prefix_of(name), rte.load(written(name))
-    text = (build_of(name) / f"{prefix}.a2l").read_text()
     default = f"{prefix}_parameters_default."
-    expected: dict[str, tuple[tuple[int, ...], float, float]] = {}
-    for block in re.findall(r"/begin (?:AXIS_PTS|CHARACTERISTIC) .*?/end (?:AXIS_PTS|CHARACTERISTIC)\n", text, re.DOTALL):
-        link = re.search(r'SYMBOL_LINK "([^"\[]*)', block)[1]  # type: ignore[index]
-        sizes = [int(size) for size in re.findall(r"COM_AXIS \S+ \S+ (\d+)", block)]
-        own = re.search(r"BREAKPOINTS 0 \S+ (\d+) (\S+) (\S+)|_(?:REAL|COUNT|CHECKSUM|FUNCTION) 0 \S+ (\S+) (\S+)", block)
-        assert own is not None
-        size = tuple([int(own[1])] if own[1] else sizes)
-        low, high = (float(bound) for bound in own.groups()[1:] if bound is not None)
-        expected[link.removeprefix(default).replace(".", "_")] = (size, low, high)
-    del expected[f"{prefix}_calibration_expected_checksum"]
+    expected = {
+        each.link.removeprefix(default).partition("[")[0].replace(".", "_"): (
+            each.shape[::-1],
+            float(each.low),
+            float(each.high),
+        )
+        for each in Layout.of(read_build(build_of(name))).objects.values()
+        if each.group != "calibration"
+    }
     found = {}
     for each in rte.named(model, "PARAMETER-DATA-PROTOTYPE").values():
         of = rte.one(each, "TYPE-TREF/@")

@@ -11,7 +11,6 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from codegen.emit.contracts.files import FOLDER
 from codegen.errors import CodegenError
 from codegen.verify import contracts
 from codegen.verify.cbmc import installed
@@ -100,9 +99,9 @@ def verdicts(subject: Subject, fault: Fault) -> dict[str, object]:
     report = run_checks(subject, Effort(quick=True), checks=others)
     missing = {name: one.findings[0] for name, one in report.outcomes.items() if one.verdict is Verdict.NOT_RUN}
     source = f"src/{subject.prefix}_{fault.unit}.c".encode()
-    with stored(subject.sources("include", "src", FOLDER)) as folder:
+    with stored(subject.sources("include", "src", "verify")) as folder:
         results = contracts.prove(
-            folder, installed(), CONTRACT_TIME_LIMIT_S, lambda name: source in subject.files[f"{FOLDER}/prove_{name}.c"]
+            folder, installed(), CONTRACT_TIME_LIMIT_S, lambda name: source in subject.files[f"verify/prove_{name}.c"]
         )
     failed = [*report.failed, *(["contracts"] if any(one.verdict == "failed" for one in results) else [])]
     return {"failed": sorted(failed), "not run": missing}
