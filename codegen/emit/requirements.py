@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import csv
 import io
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -65,8 +64,9 @@ def _of_supervision() -> tuple[Requirement, ...]:
     )
 
 
+_TASK = "task_10ms"
 STARTED, MOVED, RELEASED, RETURNED, UNCONTROLLED, HELD = (
-    f"task_10ms_{part}" for part in ("started", "moved", "released", "returned", "uncontrolled", "held")
+    f"{_TASK}_{part}" for part in ("started", "moved", "released", "returned", "uncontrolled", "held")
 )
 """Stand for the proofs of where the task's command starts and how it moves; their names have the period of the build."""
 
@@ -341,19 +341,19 @@ ON_THE_CAR = (
 """Requirements on the nodes at the other end of the bus, by id."""
 
 
-def entries(checks: Mapping[str, Mapping[str, Any]], prefix: str) -> list[dict[str, str]]:
+def entries(checks: Mapping[str, Mapping[str, Any]], prefix: str, task: str = _TASK) -> list[dict[str, str]]:
     """Return a row by `REQUIREMENT_HEADER` for each requirement.
 
     Args:
         checks: the checks of `verify.json` by name; of each, `verdict` and `figures` are used.
         prefix: prefix of the build. Contracts that its kind does not have are left out.
+        task: name of the function of the task, without the prefix; it has the period of the build.
     """
     recorded = checks.get("contracts", {}).get("figures", {}).get("harnesses")
     harnesses = recorded if isinstance(recorded, Mapping) else {}
-    renamed = {re.sub(r"_task_\d+[mu]s_", "_task_10ms_", name): name for name in harnesses}
     found = []
     for each in REQUIREMENTS:
-        names = [renamed.get(f"{prefix}_{name}", f"{prefix}_{name}") for name in each.contracts]
+        names = [f"{prefix}_{name.replace(_TASK, task)}" for name in each.contracts]
         proofs = [harnesses[name] for name in names if name in harnesses]
         results = [*proofs, *(checks[name]["verdict"] for name in each.checks if name in checks)]
         if len(proofs) < len(each.contracts) or not results:

@@ -20,6 +20,7 @@ from rich.table import Table
 
 from codegen import __version__
 from codegen.emit import requirements
+from codegen.emit.can_view import task_view
 from codegen.emit.folder import VERIFICATION_FILES
 from codegen.emit.manual import manual
 from codegen.errors import CodegenError
@@ -50,7 +51,7 @@ def to_dict(report: VerificationReport) -> dict[str, Any]:
         "edited": list(subject.edited),
         "files": {path: hashlib.sha256(content).hexdigest() for path, content in sorted(subject.files.items())},
         "counts": {str(verdict): report.count(verdict) for verdict in Verdict},
-        "requirements": requirements.entries(checks, subject.prefix),
+        "requirements": requirements.entries(checks, subject.prefix, task_view(subject.config).function),
         "checks": checks,
     }
 

@@ -53,6 +53,17 @@ def test_an_open_or_failed_contract_shows_in_its_requirements(state: str) -> Non
     assert {key for key, result in results(found).items() if result == state} == {"ARS-CTL-8", "ARS-LIM-1", "ARS-LIM-2"}
 
 
+def test_the_proofs_of_the_task_have_the_period_of_the_build() -> None:
+    found = checks()
+    harnesses = found["contracts"]["figures"]["harnesses"]
+    found["contracts"]["figures"]["harnesses"] = {
+        name.replace("task_10ms", "task_5ms"): each for name, each in harnesses.items()
+    }
+    own = requirements.entries(found, "ars", "task_5ms")
+    assert {row["result"] for row in own} == {"shown"} and "prove_ars_task_5ms_held" in str(own)
+    assert "not run" in results(found).values()
+
+
 def test_without_proofs_their_requirements_are_not_run() -> None:
     found = {**checks(), "contracts": {"verdict": str(Verdict.NOT_RUN), "figures": {}}}
     assert results(found)["ARS-CTL-1"] == "not run"
