@@ -69,7 +69,7 @@ class Limits:
         _is_enforced = True
         whole, start = self.seconds, time.process_time()
         try:
-            with _timer(whole), _memory(self.memory_bytes):
+            with _timer(whole), _memory(self.memory_bytes), _quiet():
                 yield
         except ExceededError:
             raise too_much(f"{whole:g} s", where, kind) from None
@@ -107,6 +107,19 @@ def _timer(seconds: float) -> Iterator[None]:
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0.0)
         signal.signal(signal.SIGPROF, before)
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Print nothing about errors in the block that nobody can catch, as in a finaliser: they follow from the limits.
+
+    The hook is a function of the interpreter, for one in Python fails without memory, and that is printed too.
+    """
+    before, sys.unraisablehook = sys.unraisablehook, callable
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
 
 
 @contextlib.contextmanager

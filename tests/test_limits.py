@@ -1,5 +1,6 @@
 """Limits on reading a file: a library that computes for ever or takes any amount of memory ends with one line."""
 
+import gc
 import signal
 import sys
 import threading
@@ -81,3 +82,23 @@ def test_errors_of_the_block_pass() -> None:
     with Limits(SHORT_S).enforced("file"):
         pass
     assert signal.getitimer(signal.ITIMER_PROF) == (0.0, 0.0)
+
+
+def test_errors_that_nobody_can_catch_are_not_printed_before_the_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    printed: list[object] = []
+    monkeypatch.setattr(sys, "unraisablehook", lambda error: printed.append(error.exc_type))
+
+    class Finalised:
+        def __del__(self) -> None:
+            raise MemoryError
+
+    def lose() -> None:
+        Finalised()
+
+    with Limits().enforced("a file"):
+        lose()
+        gc.collect()
+    assert printed == []
+    lose()
+    gc.collect()
+    assert printed == [MemoryError]
