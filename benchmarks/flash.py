@@ -15,12 +15,11 @@ from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.ecu_map.lookup import Lookup
 from codegen.ecu_map.placement_error import MeasuredError
-from codegen.ecu_map.placement_sweep import FlashTable, flash_table
 from codegen.ecu_map.reference_surface import ReferenceSurface, reference_surface_of
 from codegen.ecu_map.total import TotalMap
 from codegen.optimum.nonlinear import NonlinearTurns
 from codegen.optimum.solve import solve_case
-from codegen.report.flash import FLASH_HEADER, flash_rows
+from codegen.report.flash import FLASH_HEADER, FlashTable, flash_rows, flash_table
 from codegen.vehicle.single_track import SingleTrack
 
 CASE = "4ws-2"

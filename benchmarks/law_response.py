@@ -16,7 +16,7 @@ from codegen.design.margins import family_range_km_h, gains_of, loop_margins
 from codegen.design.sampled import frequency_grid, sample
 from codegen.emit.laws import schedule_of
 from codegen.metrics import Runs, StepResponse
-from codegen.metrics.path import paths
+from codegen.metrics.runs import paths
 from codegen.metrics.sine import SineResponse
 from codegen.units import KM_H
 from hil_sim.suite.cells import Condition, actuator_lag, relaxation, up_to

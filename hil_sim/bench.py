@@ -3,7 +3,7 @@
 - lock-step: the car waits for the answer to each of its samples; time is simulated, as fast as the machine allows;
 - real time: cycles begin at absolute deadlines; the command that came within the cycle acts over it, else the last one holds;
 - in process: no bus at all; the task is called after the frames of each cycle, delivered or not, or by a clock of its own
-(`hil_sim.clocks`): time is simulated.
+(`hil_sim.scenarios`): time is simulated.
 
 Where no frame is lost or late and the clocks run in step, all three give the same bits.
 """

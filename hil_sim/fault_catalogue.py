@@ -21,10 +21,9 @@ from codegen.emit.supervision import CAUSES, Cause, status_of
 from codegen.sil.software import RECORD_COLUMNS, Status
 from hil_sim import manoeuvres
 from hil_sim.bench import BenchResult
-from hil_sim.clocks import FREE_RUNNING, HALF_RATE, IN_STEP, Clocks
 from hil_sim.codec import causes
 from hil_sim.faults import Fault, FaultKind
-from hil_sim.scenarios import Scenario
+from hil_sim.scenarios import FREE_RUNNING, HALF_RATE, IN_STEP, Clocks, Scenario
 from hil_sim.settings import Settings
 
 SPEED_KM_H, FRONT_ANGLE_DEG = 65.0, 4.0

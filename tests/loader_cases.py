@@ -27,7 +27,7 @@ from codegen.configuration import preset, preset_text
 from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError, one_line
 from codegen.export import runs as exported
-from codegen.export.arxml.export import export
+from codegen.export.arxml import export
 from codegen.export.calibration.build import BuildCalibration
 from codegen.export.calibration.images import Image, layout_of_a2l
 from codegen.export.calibration.sets import CALIBRATION_READERS, merged

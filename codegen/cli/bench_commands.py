@@ -60,7 +60,7 @@ class Outputs:
         Args:
             inputs: files that the command reads besides the scenario.
         """
-        from codegen.emit.outputs import check_output
+        from codegen.emit.folder import check_output
         from codegen.export.runs import check_formats
 
         inputs = (*inputs, Path(self.scenario))

@@ -15,8 +15,7 @@ from codegen.cli.options import FileType, build_folder, checked_path, configurat
 from codegen.errors import CheckFailed
 
 if TYPE_CHECKING:
-    from codegen.doctor import Finding
-    from codegen.doctor.examination import Examination
+    from codegen.doctor import Examination, Finding
 
 EXAMPLE = "codegen check ars.toml\n  codegen check 4ws2.npz\n  codegen check generated/4ws2"
 
@@ -62,7 +61,7 @@ def verify(build: Path, quick: bool, json_file: Path | None, requirements_file: 
     tests it with faults and random bytes. Writes verify.json and verify.md, the safety manual, into the build. Exits with 1
     if a check fails or none can run. A check whose tool is missing is reported as not run.
     """
-    from codegen.emit.outputs import check_output
+    from codegen.emit.folder import check_output
 
     check_output(json_file, ".json", (build,))
     check_output(requirements_file, ".csv", (build,))
@@ -84,7 +83,7 @@ def doctor(as_json: bool) -> None:
 
     Exits with 1 if something that codegen sil needs is missing.
     """
-    from codegen.doctor.examination import examine
+    from codegen.doctor import examine
 
     with console.status("checking the installation"):
         found = examine()

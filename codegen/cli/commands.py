@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from codegen.cli import (  # noqa: F401
     bench_commands,
-    calibrate_command,
     check_commands,
     completion,
     exchange_commands,
@@ -12,7 +11,6 @@ from codegen.cli import (  # noqa: F401
     map_commands,
     show_commands,
     sil_command,
-    suite_command,
     sweep_command,
 )
 from codegen.cli.base import cli

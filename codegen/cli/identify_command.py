@@ -104,7 +104,7 @@ def identify(
     With --plan, no drive is read. The drives that determine the configured car best, within a lateral acceleration and a
     duration, are chosen and written as scenarios, and the standard deviations are predicted.
     """
-    from codegen.emit.outputs import check_output
+    from codegen.emit.folder import check_output
     from codegen.library.identification import refuse_plan_folder, require_report
 
     _check_options(

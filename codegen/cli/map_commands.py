@@ -87,7 +87,7 @@ def solve(
     config: Path | None, output: Path, friction: str | None, longitudinal_acceleration: str | None, as_json: bool, **given: Any
 ) -> None:
     """Solve the optimisation of one case on the configured grid and write the map."""
-    from codegen.emit.outputs import check_output
+    from codegen.emit.folder import check_output
 
     nominal_path = output.with_name(f"{output.stem}-nominal.npz")
     for path in (output,) if given["share"] is None else (output, nominal_path):
@@ -182,7 +182,7 @@ def tune(output: Path, as_json: bool, **given: Any) -> None:
     Finally the car is driven with the tuned controller and without it. The judgement is stored in the map, for
     codegen check, show, build, report and explore.
     """
-    from codegen.emit.outputs import check_output
+    from codegen.emit.folder import check_output
 
     check_output(output, ".npz", (given["config"],))
     found = codegen.tune(**given, progress=console.shown)

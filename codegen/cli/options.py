@@ -316,7 +316,7 @@ def run_options(command: Command) -> Command:
 
 def check_picture(path: Path | None, inputs: Iterable[Path | None] = ()) -> None:
     """Reject a picture that is neither PNG nor SVG, or that would destroy something: see `check_output`."""
-    from codegen.emit.outputs import check_output
+    from codegen.emit.folder import check_output
     from codegen.figures.draw import kind_of
 
     if path is not None:

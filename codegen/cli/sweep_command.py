@@ -74,7 +74,7 @@ def sweep(
     Every sample is simulated with every controller in every scenario. DIR receives runs.parquet with a row for each run, a
     summary and pictures. After Ctrl-C or a kill, the same command resumes. Same spec and seed: same bytes, with any engine.
     """
-    from codegen.emit.outputs import check_output
+    from codegen.emit.folder import check_output
     from codegen.export.runs import check_formats
 
     if spec is None and measured is None:

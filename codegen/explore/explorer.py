@@ -36,8 +36,8 @@ from codegen.map_file.tables import ACCELERATION_STACK, ALL_BINDING, FRICTION_ST
 from codegen.optimum.solve import solve_case
 from codegen.units import KM_H
 from hil_sim import manoeuvres
+from hil_sim.metrics.rows import step_metrics
 from hil_sim.metrics.run import column, spin_time
-from hil_sim.metrics.standards import step_metrics
 from hil_sim.scenarios import SCENARIOS
 from hil_sim.settings import Settings
 

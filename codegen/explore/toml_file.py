@@ -13,7 +13,7 @@ from typing import Any
 import tomlkit
 
 from codegen.configuration import CONFIG_BYTES_MAX, Config, parse, preset_text
-from codegen.emit.outputs import check_output
+from codegen.emit.folder import check_output
 from codegen.errors import CodegenError, ConfigError
 from codegen.explore.controls import ExploreError
 from codegen.files import ChangedError, read_file, write_atomically

@@ -20,9 +20,8 @@ from typing import Any, Literal
 
 from codegen import __version__
 from codegen.emit.can_view import CanView, task_name
-from codegen.emit.folder import MANIFEST, Folder, owned_paths, read_files, read_manifest
+from codegen.emit.folder import MANIFEST, Folder, owned_paths, read_files, read_manifest, refuse_folder
 from codegen.emit.manifest import read_build
-from codegen.emit.outputs import refuse_folder
 from codegen.emit.render import render, verbatim
 from codegen.emit.text import comment_text
 from codegen.errors import BuildError, CodegenError, one_line

@@ -22,7 +22,7 @@ import numpy as np
 
 from codegen.arrays import IndexArray
 from codegen.errors import CodegenError
-from codegen.identify.findings import CLOCK, REMARK
+from codegen.identify.drive import CLOCK, REMARK
 from codegen.identify.names import Names
 from codegen.importing.quantities import Name, take_apart, unit_of
 from codegen.logs.account import BusLog, open_bus_log, open_rows

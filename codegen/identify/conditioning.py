@@ -15,11 +15,11 @@ from numpy.lib.stride_tricks import sliding_window_view
 from codegen.arrays import BoolArray, FloatArray
 from codegen.errors import CodegenError
 from codegen.identify.channels import Channel
-from codegen.identify.findings import CLOCK, GAP, IMPOSSIBLE, JUMP, REMARK, RESERVED, SATURATED, Finding
+from codegen.identify.drive import CLOCK, GAP, IMPOSSIBLE, JUMP, REMARK, RESERVED, SATURATED, Finding
 from codegen.identify.names import SignalChoice
 from codegen.identify.quantities import LogQuantity
+from codegen.logs.frames import blocks, increasing
 from codegen.logs.measurement import Samples
-from codegen.logs.stamps import blocks, increasing
 
 GAP_PERIODS = 2.5
 """A pause of more sampling times is a gap: at least two samples are lost. A single lost sample is bridged by interpolation."""

@@ -14,8 +14,7 @@ import numpy as np
 
 from codegen.arrays import BoolArray, FloatArray
 from codegen.identify.conditioning import PLATEAU_SAMPLES, Conditioned, clipped
-from codegen.identify.drive import Drive
-from codegen.identify.findings import CONTRADICTION, FROZEN, OFFSET, SATURATED, SIGN, Finding
+from codegen.identify.drive import CONTRADICTION, FROZEN, OFFSET, SATURATED, SIGN, Drive, Finding
 from codegen.identify.quantities import LOG_QUANTITIES
 
 TINY = float(np.finfo(np.float64).tiny)

@@ -17,8 +17,7 @@ from codegen.files import distinct_names
 from codegen.identify.channels import CAUSES_SHOWN, Channel, Log, read_channels
 from codegen.identify.conditioning import Conditioned, condition
 from codegen.identify.cross_checks import cross_check, without_frozen, without_saturated
-from codegen.identify.drive import Drive
-from codegen.identify.findings import NOT_USED, REMARK, Finding, merged
+from codegen.identify.drive import NOT_USED, REMARK, Drive, Finding, merged
 from codegen.identify.names import NO_SETTINGS, Names, SignalChoice, line_of
 from codegen.identify.quantities import LOG_QUANTITIES, REQUIRED, LogQuantity
 from codegen.importing.quantities import BRACKETED, unit_of

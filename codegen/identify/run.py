@@ -14,8 +14,14 @@ from codegen.configuration import Config
 from codegen.errors import CodegenError
 from codegen.identify.drive import Drive
 from codegen.identify.estimate import Fit, diverged, fit
-from codegen.identify.held import undetermined_curves, with_held_spread
-from codegen.identify.identifiability import WEAK_SHARE_MAX, Direction, Identifiability, analyse
+from codegen.identify.identifiability import (
+    WEAK_SHARE_MAX,
+    Direction,
+    Identifiability,
+    analyse,
+    undetermined_curves,
+    with_held_spread,
+)
 from codegen.identify.model import OUTPUTS
 from codegen.identify.parameters import BY_NAME, CURVE_PARAMETERS, HANDLING_PARAMETERS, PARAMETERS, Parameter, configured
 from codegen.identify.shooting import DriveSamples, Problem, actuator_problem, filled, front_signal, vehicle_problem

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib
+import logging
 import math
 import os
 import pickle
@@ -15,6 +16,8 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -123,3 +126,41 @@ def _main() -> None:
 
 if __name__ == "__main__":
     _main()
+
+
+LIBRARIES = ("can", "cantools", "asammdf")
+
+
+@contextlib.contextmanager
+def collected() -> Iterator[list[str]]:
+    """Yield a list that gets each warning of the libraries in the block, once."""
+    found: list[str] = []
+
+    def keep(text: object) -> None:
+        line = one_line(text)
+        if line and line not in found:
+            found.append(line)
+
+    class Handler(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            keep(record.getMessage())
+
+    handler = Handler(logging.WARNING)
+    loggers = [logging.getLogger(name) for name in LIBRARIES]
+    propagated, disabled = [logger.propagate for logger in loggers], logging.root.manager.disable
+    logging.disable(logging.NOTSET)  # the command line disables all logging
+    for logger in loggers:
+        logger.addHandler(handler)
+        logger.propagate = False
+    try:
+        with warnings.catch_warnings(record=True) as raised:
+            warnings.simplefilter("always", UserWarning)
+            yield found
+        for each in raised:
+            if issubclass(each.category, UserWarning):
+                keep(each.message)
+    finally:
+        logging.disable(disabled)
+        for logger, is_propagated in zip(loggers, propagated, strict=True):
+            logger.removeHandler(handler)
+            logger.propagate = is_propagated

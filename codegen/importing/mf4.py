@@ -12,7 +12,7 @@ import numpy as np
 from asammdf import MDF
 
 from codegen.arrays import AnyArray, BoolArray, FloatArray
-from codegen.importing import library_warnings
+from codegen.importing import child
 from codegen.importing.quantities import TIME_UNITS, time_unit_of
 from codegen.importing.rows import ARRAY, INVALID, NO_VALUE, TEXT, UNUSED_GROUP, Count, Group, group_of
 
@@ -34,7 +34,7 @@ def columns(path: Path, names: Sequence[str], bytes_max: int) -> tuple[list[Floa
     Invalid values are NaN. A channel whose values are texts, as those of a status are, gives its numbers. For `bytes_max` and
     errors see `samples`.
     """
-    with library_warnings.collected() as warnings, MDF(path) as mdf:
+    with child.collected() as warnings, MDF(path) as mdf:
         if is_bus_log(mdf):
             return None
         if absent := [name for name in names if name not in mdf.channels_db]:
@@ -150,7 +150,7 @@ def samples(
         ValueError: more than that.
         Exception: whatever asammdf raises for a damaged file.
     """
-    with library_warnings.collected() as warnings, MDF(path) as mdf:
+    with child.collected() as warnings, MDF(path) as mdf:
         _check_size(mdf, places, bytes_max)
         found, counts = [], []
         for place in places:
@@ -175,7 +175,7 @@ def account(path: Path, bytes_max: int) -> tuple[list[Count], list[Group], list[
         ValueError: a channel is larger.
         Exception: whatever asammdf raises for a damaged file.
     """
-    with library_warnings.collected() as warnings, MDF(path) as mdf:
+    with child.collected() as warnings, MDF(path) as mdf:
         counts = []
         for number, group in enumerate(list[Any](mdf.groups)):
             _check_size(mdf, [(number, 0)], bytes_max)

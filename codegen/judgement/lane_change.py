@@ -18,8 +18,7 @@ from codegen.arrays import FloatArray
 from codegen.configuration import Config
 from codegen.judgement.bench import Bench
 from codegen.metrics import Runs
-from codegen.metrics.path import cone_clearances, paths
-from codegen.metrics.runs import is_spinning
+from codegen.metrics.runs import cone_clearances, is_spinning, paths
 from codegen.sil.batch import Drivers
 from codegen.units import KM_H
 from hil_sim.manoeuvres import Hands, Preview, PreviewDriver

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from codegen.arrays import AnyArray
-from codegen.emit.outputs import check_output
+from codegen.emit.folder import check_output
 from codegen.errors import CodegenError
 from codegen.export.calibration.build import BuildCalibration
 from codegen.export.calibration.convert import map_of, toml_of

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from annotated_types import Ge, Interval
 
-from codegen.emit.outputs import check_output
+from codegen.emit.folder import check_output
 from codegen.errors import CodegenError
 from codegen.export import runs as exported
 from codegen.figures.draw import draw

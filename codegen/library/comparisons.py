@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from codegen.ecu_map.placement_sweep import FlashTable, flash_table
 from codegen.emit.laws import law_of
 from codegen.errors import CodegenError, MapError, within
 from codegen.figures.draw import draw
@@ -13,7 +12,7 @@ from codegen.library.maps import Map, MapLike, map_of, place_of
 from codegen.library.result import PathLike, Progress, Result, Work, drawn, public
 from codegen.map_file.map import choose_config
 from codegen.optimum.nonlinear import slip_use
-from codegen.report.flash import FLASH_HEADER, flash_dict, flash_headline, flash_picture, flash_rows
+from codegen.report.flash import FLASH_HEADER, FlashTable, flash_dict, flash_headline, flash_picture, flash_rows, flash_table
 from codegen.report.map_difference import (
     CAR_HEADER,
     DIFFERENCE_HEADER,

@@ -6,14 +6,13 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from codegen.emit.folder import Folder
-from codegen.emit.outputs import check_output, refuse_folder
+from codegen.emit.folder import Folder, check_output, refuse_folder
 from codegen.emit.write import write_folder
 from codegen.errors import CheckFailed, CodegenError, suggestion
 from codegen.export import firmware
 from codegen.export.a2l import fill
-from codegen.export.arxml.export import WHAT, Access, Protection
-from codegen.export.arxml.export import export as describe
+from codegen.export.arxml import WHAT, Access, Protection
+from codegen.export.arxml import export as describe
 from codegen.export.elf import Elf
 from codegen.export.firmware import ImageRun
 from codegen.export.fmu.export import make_fmu

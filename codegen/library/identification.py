@@ -9,16 +9,15 @@ from pathlib import Path
 from typing import Any
 
 from codegen.configuration import Config, load, parse
-from codegen.emit.folder import Folder
-from codegen.emit.outputs import check_output, refuse_folder
+from codegen.emit.folder import Folder, check_output, refuse_folder
 from codegen.emit.write import check_target, write_folder
 from codegen.errors import CodegenError, within
 from codegen.files import write_atomically, write_together
 from codegen.identify import plan_output, summary
+from codegen.identify.drive import refuse_contradictions
 from codegen.identify.drive_plan import DrivePlan as Plan
 from codegen.identify.drive_plan import plan_drives as choose_drives
 from codegen.identify.drive_plan import signals_of
-from codegen.identify.findings import refuse_contradictions
 from codegen.identify.names import load_names
 from codegen.identify.outcome import Outcome, identify_and_predict
 from codegen.identify.plan_output import MANIFEST_WHAT
@@ -30,8 +29,7 @@ from codegen.library.configurations import ConfigLike, known_config, name_of
 from codegen.library.logs import names_of, paths_of
 from codegen.library.result import PathLike, Progress, Result, Work, path_of, public
 from codegen.logs.account import to_dict
-from codegen.report.html.drive_plan import plan_sections
-from codegen.report.html.identify import data_section, identify_sections
+from codegen.report.html.identify import data_section, identify_sections, plan_sections
 from codegen.report.html.page import render, require_plotly
 from codegen.text import text_table
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from codegen.configuration import Config, parse, parse_toml
-from codegen.emit.outputs import check_output
+from codegen.emit.folder import check_output
 from codegen.errors import CodegenError, ConfigError
 from codegen.files import write_atomically
 from codegen.importing.maps import Choices

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from codegen.arrays import BoolArray, FloatArray
 from codegen.configuration import Config
-from codegen.emit.outputs import check_output
+from codegen.emit.folder import check_output
 from codegen.errors import CodegenError
 from codegen.judgement.map_warnings import beyond_grip
 from codegen.judgement.model import MISSING_RECORD, Judgement, of_map

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from codegen.arrays import FloatArray
-from codegen.emit.outputs import check_output
+from codegen.emit.folder import check_output
 from codegen.errors import CodegenError
 from codegen.figures.maps import NamedMap
 from codegen.files import write_atomically

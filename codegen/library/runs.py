@@ -12,8 +12,8 @@ from annotated_types import Ge, Interval
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
+from codegen.emit.folder import check_output
 from codegen.emit.manifest import read_build
-from codegen.emit.outputs import check_output
 from codegen.errors import CheckFailed, CodegenError, suggestion
 from codegen.export import runs as exported
 from codegen.judgement.car_warnings import car_warnings

@@ -9,7 +9,6 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from codegen.emit import requirements
 from codegen.errors import CheckFailed
 from codegen.files import write_atomically
 from codegen.judgement.build_warnings import read_record
@@ -17,7 +16,7 @@ from codegen.library.builds import BuildLike, edited_notes, folder_of
 from codegen.library.result import PathLike, Progress, Result, Work, path_of, public
 from codegen.requirements import packages_of, pip_install
 from codegen.sil.software import require_can_side
-from codegen.verify import record, runner
+from codegen.verify import record, requirements, runner
 from codegen.verify.outcomes import Effort, Subject, Verdict
 from codegen.verify.runner import VerificationReport
 

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Protocol
 
 from codegen.errors import CodegenError, one_line
 from codegen.files import decoded, read_file, refuse_empty, refuse_utf16, require_regular
-from codegen.importing import library_warnings
-from codegen.importing.xml_head import check_head
+from codegen.importing import child
+from codegen.importing.source import check_head
 from codegen.limits import Limits
 from codegen.requirements import missing
 
@@ -208,7 +208,7 @@ def load_database(path: Path) -> Loaded:
     findings: list[str] = []
     left_out: list[LeftOut] = []
     try:
-        with Limits.of(size).enforced(path), library_warnings.collected() as warnings:
+        with Limits.of(size).enforced(path), child.collected() as warnings:
             # Not strict: databases in use have signals that overlap, or that are longer than their message.
             if kind == ".dbc":
                 found, left_out = _load_dbc(path, findings)

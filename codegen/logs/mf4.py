@@ -10,7 +10,7 @@ from typing import Any
 
 from asammdf import MDF
 
-from codegen.importing import library_warnings
+from codegen.importing import child
 from codegen.importing.mf4 import FRAME_CHANNELS
 from codegen.logs.frames import Collector, FileAccount, Frames, Kind
 
@@ -31,7 +31,7 @@ def read(path: Path) -> tuple[Frames, FileAccount]:
     """Read the frames of an MF4, those of several groups in the order of time. Raises whatever asammdf raises for a damaged
     file."""
     into = Collector("MF4")
-    with library_warnings.collected() as warnings, MDF(path) as mdf:
+    with child.collected() as warnings, MDF(path) as mdf:
         groups = _count(mdf, into)
         start = mdf.header.start_time.timestamp()
         for row in heapq.merge(*(_rows(mdf, number, name, start) for number, name in groups), key=itemgetter(0)):

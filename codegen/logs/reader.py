@@ -6,7 +6,7 @@ from pathlib import Path
 
 from codegen.errors import CodegenError, one_line
 from codegen.files import reason_of, refuse_empty, require_regular
-from codegen.importing import child, library_warnings
+from codegen.importing import child
 from codegen.limits import Limits
 from codegen.logs.formats import LOGS
 from codegen.logs.frames import BYTES_MAX, REMEDY, Collector, FileAccount, Frames
@@ -30,7 +30,7 @@ def read_frames(path: Path) -> tuple[Frames, FileAccount]:
             found: tuple[Frames, FileAccount] = child.call("codegen.logs.mf4", "read", path, limits=limits)
             return found
         with limits.enforced(path):
-            with library_warnings.collected() as warnings:
+            with child.collected() as warnings:
                 into, clock = LOG_READERS[kind](path)
             return into.finish(clock, warnings)
     except CodegenError:

@@ -19,8 +19,7 @@ import numpy as np
 from codegen.arrays import BoolArray, FloatArray, IndexArray
 from codegen.errors import CodegenError, suggestion
 from codegen.logs.databases import BusKey, Directory
-from codegen.logs.frames import Frames, IntArray, Kind
-from codegen.logs.stamps import blocks
+from codegen.logs.frames import Frames, IntArray, Kind, blocks
 
 COPY_DELAY_MAX_S = 0.5
 """Largest time from a frame to its copy. Gateways take some ms, and some tens of ms under load."""

@@ -29,8 +29,15 @@ from codegen.map_file.bounds import TurnQuantities
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.demand import BELOW_GRIP, Demand
 from codegen.optimum.exact import Edge, Solution, binding
-from codegen.optimum.nonlinear_arrays import Turns, concatenate_turns, replace_turns, select_turns, shrink, unknown_turns
-from codegen.optimum.nonlinear_car import SteadyCar
+from codegen.optimum.nonlinear_car import (
+    SteadyCar,
+    Turns,
+    concatenate_turns,
+    replace_turns,
+    select_turns,
+    shrink,
+    unknown_turns,
+)
 from codegen.optimum.nonlinear_range import (
     CURVE_BOUNDS,
     END,

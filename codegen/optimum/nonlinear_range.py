@@ -21,8 +21,7 @@ import numpy as np
 from codegen.arrays import BoolArray, FloatArray, IndexArray
 from codegen.errors import MapError
 from codegen.map_file.bounds import BOUNDS, Binding, TurnQuantities
-from codegen.optimum.nonlinear_arrays import Turns, replace_turns, shrink
-from codegen.optimum.nonlinear_car import ANGLE_MAX, SteadyCar
+from codegen.optimum.nonlinear_car import ANGLE_MAX, SteadyCar, Turns, replace_turns, shrink
 from codegen.optimum.problem import SteadyTurnProblem
 from codegen.units import KM_H
 

@@ -22,7 +22,7 @@ from codegen.emit.build import MAP_FILE, code_again
 from codegen.errors import BuildError, CodegenError
 from codegen.sil.software import Software
 from codegen.sil.toolchain import compiler_command, compiler_identity
-from codegen.verify import parameter_sets, states
+from codegen.verify import states, unit_drives
 from codegen.verify.drives import Thresholds, places, road_frictions
 from codegen.verify.dynamics_bound import points
 from codegen.verify.emulated_batches import OnHost, Program, dynamics_program_of, program_of
@@ -31,8 +31,7 @@ from codegen.verify.emulated_streams import Stream, format_word, streams_of
 from codegen.verify.long_drives import LongDrives
 from codegen.verify.on_host import MightNotReturn, compiled, require_compiler, software_of
 from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict
-from codegen.verify.parameter_sets import value_of
-from codegen.verify.unit_drives import SIZE, SIZE_QUICK, Drive, UnitDrives
+from codegen.verify.unit_drives import SIZE, SIZE_QUICK, Drive, UnitDrives, value_of
 
 STEPS, QUICK_STEPS = 100_000, 20_000
 POINTS = 1_000
@@ -81,7 +80,7 @@ def check(subject: Subject, effort: Effort) -> Outcome:
         finding = (str(error), *limits[len(LIMITS) :])
         return Outcome(SHOWS, "the C does not run", Verdict.FAILED, finding, figures, tuple(limits), _tools())
     calls, sets = dict(sides.calls), sides.drives.sets
-    if unchanged := parameter_sets.unchanged(software_of(reference), sets):
+    if unchanged := unit_drives.unchanged(software_of(reference), sets):
         limits.append(NEVER_OTHER.format(names=", ".join(sorted(unchanged))))
     differing = f"{len(findings)} differences" if findings else "all results are equal"
     return Outcome(
@@ -174,7 +173,7 @@ class _Sides:
     def _parameters(self, theirs: Any, own: Any) -> Iterator[tuple[Any, Any]]:
         config = self._reference.config
         try:
-            yield from zip(parameter_sets.fields(config, theirs), parameter_sets.fields(config, own), strict=True)
+            yield from zip(unit_drives.fields(config, theirs), unit_drives.fields(config, own), strict=True)
         except AttributeError as error:
             raise BuildError(f"a parameter is missing: {error}", remedy="restore the parameter structs") from None
 

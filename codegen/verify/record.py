@@ -19,13 +19,13 @@ from rich.console import Console
 from rich.table import Table
 
 from codegen import __version__
-from codegen.emit import requirements
 from codegen.emit.can_view import task_view
 from codegen.emit.folder import VERIFICATION_FILES
-from codegen.emit.manual import manual
 from codegen.errors import CodegenError
 from codegen.files import write_together
 from codegen.judgement.build_warnings import read_record
+from codegen.verify import requirements
+from codegen.verify.manual import manual
 from codegen.verify.outcomes import Outcome, Verdict
 from codegen.verify.runner import CHECKS, LEFT_OUT, VerificationReport
 

@@ -1,22 +1,25 @@
-"""Drives of single units: a cycle through every regime, as samples and as frames of a faulty bus, with drawn parameters.
+"""Drives of single units: a cycle through every regime, as samples and as frames of a faulty bus, and drawn parameters.
 
-Further drives go across thresholds and start from an end stop.
+Further drives go across thresholds and start from an end stop. Drawn parameter sets are those that the C accepts.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from typing import Any, Literal
 
 import numpy as np
 
 from codegen.configuration import Config
+from codegen.emit.controller_view import parameters_by_path
+from codegen.emit.parameters import RATE_OFF, Parameter
 from codegen.emit.text import Precision
 from codegen.sil.software import Measurement, Software
-from codegen.verify import parameter_sets, traffic
+from codegen.verify import traffic
 from codegen.verify.drives import GAPS, NUMBER_ROLES, Thresholds, drawn, drives_of, gaps_of, measurements_of, recorded
 from codegen.verify.outcomes import Subject
 from codegen.verify.traffic import Cycle, frames_of
@@ -83,7 +86,7 @@ class UnitDrives:
         self._software, self._size, self._with_recordings = software, size, with_recordings
         self._accelerations = subject.manifest["map"].get("longitudinal_accelerations") or ()
         self._thresholds = Thresholds.of(subject.manifest)
-        self.sets = [parameter_sets.drawn(software, np.random.default_rng((5, number))) for number in range(size.sets)]
+        self.sets = [drawn_parameters(software, np.random.default_rng((5, number))) for number in range(size.sets)]
 
     def drives(self) -> Iterator[Drive]:
         """Yield all drives."""
@@ -254,3 +257,81 @@ def cycles_of(config: Config, precision: Precision, samples: Sequence[Measuremen
         found.append(tuple(frame for frame, gap in zip(frames, gaps, strict=True) if not gap[number] or age <= waits))
         counter = next_counter(counter, can.e2e.definition)
     return found
+
+
+CHANGED = 0.7
+"""Probability that a parameter of a drawn set is varied; the C rejects some values."""
+TRIES = 3
+"""Attempts to find an accepted value."""
+DECADES = 0.7
+"""Largest variation in decades, a factor of five."""
+NOTHING = 0.01
+"""Value drawn for a parameter that is zero, as a fraction of its maximum."""
+RATES = (0.01, 2.0)
+"""Range of drawn rates in rad/s, even if the configured rate is off."""
+COUNT_MAX = 12
+"""Maximum of drawn sample counts, short compared with a drive."""
+
+Number = float | list[float]
+
+
+def fields(config: Config, parameters: Any) -> Iterator[tuple[Any, Parameter, str]]:
+    """Yield the struct of each parameter, the parameter, and its qualified name."""
+    for path, parameter in parameters_by_path(config).items():
+        yield reduce(getattr, path.split(".")[:-1], parameters), parameter, path
+
+
+def drawn_parameters(software: Software, generator: np.random.Generator) -> Any:
+    """Return a parameter struct with many fields varied one by one, as far as `<prefix>_parameters_valid` accepts them."""
+    parameters = software.parameters()
+    is_valid = software.function("parameters_valid")
+    if generator.random() < CHANGED:
+        _narrow(parameters, generator)
+        parameters = parameters if is_valid(parameters) else software.parameters()
+    for holder, parameter, _ in fields(software.config, parameters):
+        if generator.random() < CHANGED:
+            before = value_of(holder, parameter.name)
+            for _ in range(TRIES):
+                setattr(holder, parameter.name, _other(parameter, before, generator))
+                if is_valid(parameters):
+                    break
+                setattr(holder, parameter.name, before)
+    return parameters
+
+
+def unchanged(software: Software, sets: Iterable[Any]) -> list[str]:
+    """Return the qualified names of parameters that have their default in every set."""
+    rows = zip(*(fields(software.config, each) for each in (software.parameters(), *sets)), strict=True)
+    return [
+        name
+        for (default, parameter, name), *others in rows
+        if all(value_of(holder, parameter.name) == value_of(default, parameter.name) for holder, _, _ in others)
+    ]
+
+
+def _narrow(parameters: Any, generator: np.random.Generator) -> None:
+    """Reduce the rear angle ranges of controller and limiter, and the opposite-phase range at some speeds."""
+    limiter = parameters.limiter
+    parameters.rear_angle_max *= 10.0 ** generator.uniform(-DECADES, 0.0)
+    limiter.rear_angle_max = parameters.rear_angle_max * generator.uniform(0.5, 1.0)
+    shares = np.maximum(generator.uniform(-0.5, 1.0, len(limiter.opposite_phase_max)), 0.0)  # a third of them zero
+    limiter.opposite_phase_max = [limiter.rear_angle_max * share for share in shares]
+
+
+def _other(parameter: Parameter, value: Number, generator: np.random.Generator) -> Number:
+    if isinstance(parameter.value, int):
+        return int(generator.integers(0, COUNT_MAX + 1))
+    low, high = parameter.low, parameter.high
+    if parameter.high == RATE_OFF:
+        return float(np.exp(generator.uniform(*np.log(RATES))))
+    if isinstance(value, list):
+        # One factor for all if they must increase.
+        factors = 10.0 ** generator.uniform(-DECADES, DECADES, 1 if parameter.increasing else len(value))
+        return [min(max(float(number), low), high) for number in np.where(value, value, NOTHING * high) * factors]
+    return float(min(max((value or NOTHING * high) * 10.0 ** generator.uniform(-DECADES, DECADES), low), high))
+
+
+def value_of(holder: Any, name: str) -> Number:
+    """Return the value of a parameter in its struct."""
+    value = getattr(holder, name)
+    return value if isinstance(value, float | int) else list(value)

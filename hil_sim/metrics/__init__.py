@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
-from hil_sim.metrics import others, standards, steering_response
+from hil_sim.metrics import rows, steering_response
+from hil_sim.metrics.rows import step_metrics
 from hil_sim.metrics.run import LookUp, Metric, Run, column, spin_time
-from hil_sim.metrics.standards import step_metrics
 from hil_sim.metrics.verdict import coverage, verdict
 from hil_sim.scenarios import Kind, Scenario
 
@@ -31,15 +31,15 @@ __all__ = [
 ]
 
 MEASURES: Mapping[Kind, Callable[[Run], list[Metric]]] = {
-    "step": standards.measure_step,
+    "step": rows.measure_step,
     "ramp": steering_response.measure_ramp,
-    "sine-with-dwell": standards.measure_sine_with_dwell,
+    "sine-with-dwell": rows.measure_sine_with_dwell,
     "frequency": steering_response.measure_frequency_response,
-    "speed-ramp": others.measure_speed_ramp,
-    "straight": others.measure_straight,
-    "corner": others.measure_corner,
-    "path": others.measure_path,
-    "recording": others.measure_recording,
+    "speed-ramp": rows.measure_speed_ramp,
+    "straight": rows.measure_straight,
+    "corner": rows.measure_corner,
+    "path": rows.measure_path,
+    "recording": rows.measure_recording,
 }
 
 SPUN = "spun"

@@ -15,9 +15,8 @@ from codegen.metrics.sine import MEETS_CRITERIA
 from codegen.sil.software import Status
 from codegen.units import KM_H
 from codegen.vehicle.tyre import slip_bounds
-from hil_sim.metrics.others import CONE_CLEARANCE
+from hil_sim.metrics.rows import CONE_CLEARANCE, missed_criteria
 from hil_sim.metrics.run import Metric, Run
-from hil_sim.metrics.standards import missed_criteria
 
 STEADY_ERROR_MAX_PERCENT = 2.0
 """Largest error to map or reference, in percent, of a car that follows it."""

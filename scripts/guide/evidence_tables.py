@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from typing import Any
 
-from codegen.emit.requirements import ENGINES as CHECKS
+from codegen.verify.requirements import ENGINES as CHECKS
 from scripts.guide.markdown import table
 from tests.evidence import record
 from tests.evidence.parts import PARTS, Part

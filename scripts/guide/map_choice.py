@@ -39,8 +39,7 @@ from codegen.figures.draw import draw
 from codegen.judgement.passive import PassiveTurns, usable_slip
 from codegen.judgement.steady import steady_figures
 from codegen.map_file.map import ReferenceMap
-from codegen.optimum.nonlinear_arrays import Turns
-from codegen.optimum.nonlinear_car import SteadyCar, curve
+from codegen.optimum.nonlinear_car import SteadyCar, Turns, curve
 from codegen.optimum.solve import solve_case
 from codegen.units import KM_H
 from codegen.vehicle.tyre import AxleTyres

@@ -49,8 +49,8 @@ def test_a_chart_touches_at_most_three_files(tree: Copy) -> None:
     report = "codegen/report/html/report.py"
     tree.replace(
         report,
-        "from codegen.report.html.blocks import Block",
-        "from codegen.report.html.acceleration import acceleration_chart\nfrom codegen.report.html.blocks import Block",
+        "from codegen.report.html.page import Block",
+        "from codegen.report.html.acceleration import acceleration_chart\nfrom codegen.report.html.page import Block",
     )
     tree.after(report, "    yield Gallery(heat_map_charts(one))\n", "    yield acceleration_chart(one)\n")
     tree.run("-c", CHECK, str(ROOT / "generated" / "4ws2.npz"))

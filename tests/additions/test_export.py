@@ -65,7 +65,7 @@ from codegen.cli.options import build_option, csv_to_write
 @json_option
 def parameters(build: Path, output: Path, as_json: bool) -> None:
     """Write name, value, range and unit of each parameter of a build."""
-    from codegen.emit.outputs import check_output
+    from codegen.emit.folder import check_output
     from codegen.export.parameter_table import parameter_table
     from codegen.files import write_atomically
 

@@ -35,7 +35,7 @@ from scipy.io import loadmat
 
 from codegen.emit.from_files import prepare
 from codegen.emit.write import write_folder
-from codegen.export.arxml.export import export
+from codegen.export.arxml import export
 from codegen.export.fmu.export import make_fmu
 from codegen.export.fmu.variables import variables_of
 from codegen.export.runs import EXPORT_COLUMNS, RUN_FORMATS

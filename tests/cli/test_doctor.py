@@ -10,8 +10,9 @@ from unittest.mock import Mock, call
 
 import pytest
 
+from codegen import doctor
 from codegen import requirements as packages
-from codegen.doctor import Finding, State, buses, examination
+from codegen.doctor import Finding, State
 from codegen.requirements import Requirement, extras_of, pip_install, requirements
 
 from .conftest import ROOT, Run
@@ -27,8 +28,8 @@ def test_requirements_match_the_project(monkeypatch: pytest.MonkeyPatch) -> None
     always = [re.split(r"\W*[<>=]", line)[0] for line in PROJECT["dependencies"]]
     assert (source, [each.name for each in asked if not each.extra]) == ("pyproject.toml", always)
     assert extras_of(asked) == [name for name in PROJECT["optional-dependencies"] if name != "all"]
-    assert set(examination.SERVES) == set(always)
-    assert set(examination.EXTRAS) >= PROJECT["optional-dependencies"].keys() - {"all"}
+    assert set(doctor.SERVES) == set(always)
+    assert set(doctor.EXTRAS) >= PROJECT["optional-dependencies"].keys() - {"all"}
     monkeypatch.setattr(packages, "PYPROJECT", Path("no checkout"))
     installed, source = requirements()
     assert source == "the installed package" and set(installed) == set(asked)
@@ -36,8 +37,8 @@ def test_requirements_match_the_project(monkeypatch: pytest.MonkeyPatch) -> None
 
 def versions(monkeypatch: pytest.MonkeyPatch, **changed: str | None) -> None:
     """Make packages report another version; None: not installed."""
-    real = examination._version
-    monkeypatch.setattr(examination, "_version", lambda name: changed[name] if name in changed else real(name))
+    real = doctor._version
+    monkeypatch.setattr(doctor, "_version", lambda name: changed[name] if name in changed else real(name))
 
 
 @pytest.mark.parametrize(
@@ -52,8 +53,8 @@ def versions(monkeypatch: pytest.MonkeyPatch, **changed: str | None) -> None:
 )
 def test_a_needed_package(monkeypatch: pytest.MonkeyPatch, version: str | None, module: str, state: State, words: str) -> None:
     versions(monkeypatch, numpy=version)
-    monkeypatch.setitem(examination.MODULES, "numpy", module)
-    found = examination.needed(Requirement("numpy", ">=2.4,<3"))
+    monkeypatch.setitem(doctor.MODULES, "numpy", module)
+    found = doctor.needed(Requirement("numpy", ">=2.4,<3"))
     assert (found.state, found.stops) == (state, True)
     assert found.what.startswith(words)
     assert found.remedy.startswith("pip install ") and found.remedy.endswith(' "numpy>=2.4,<3"')
@@ -62,8 +63,8 @@ def test_a_needed_package(monkeypatch: pytest.MonkeyPatch, version: str | None, 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Skip compiling, sending and waiting."""
-    for module, name in ((examination, "module"), (buses, "socketcan"), (buses, "multicast"), (examination, "punctuality")):
-        monkeypatch.setattr(module, name, lambda name=name: Finding(name, State.GOOD, "as expected"))
+    for name in ("module", "socketcan", "multicast", "punctuality"):
+        monkeypatch.setattr(doctor, name, lambda name=name: Finding(name, State.GOOD, "as expected"))
 
 
 def test_the_requirements_of_codegen_sil_determine_the_exit_code(
@@ -75,7 +76,7 @@ def test_the_requirements_of_codegen_sil_determine_the_exit_code(
     data = json.loads(answer.out)
     found = [(each["state"], each["needed"]) for each in data["needed"] if each["name"] == "casadi"]
     assert (data["ready"], found) == (False, [("bad", True)])
-    assert {each["name"] for each in data["needed"]} == {"Python", *examination.SERVES}  # none of an extra
+    assert {each["name"] for each in data["needed"]} == {"Python", *doctor.SERVES}  # none of an extra
     monkeypatch.setenv("CC", "no-such-compiler")
     answer = run("doctor")
     assert answer.code == 1
@@ -99,8 +100,8 @@ def test_no_frame_is_sent_on_a_bus_with_a_car(
         (tmp_path / name / "flags").write_text("0xc1\n")
     monkeypatch.setattr(socket, "AF_CAN", 29, raising=False)
     monkeypatch.setattr(socket, "CAN_RAW", 1, raising=False)
-    monkeypatch.setattr(buses.socket, "socket", lambda *_: os.fdopen(os.dup(0)))
-    monkeypatch.setattr(buses, "exchange", exchange := Mock())
-    found = buses.socketcan(tmp_path)
+    monkeypatch.setattr(doctor.socket, "socket", lambda *_: os.fdopen(os.dup(0)))
+    monkeypatch.setattr(doctor, "exchange", exchange := Mock())
+    found = doctor.socketcan(tmp_path)
     assert found.state is state and found.what.endswith(what)
     assert exchange.mock_calls == ([call("vcan0")] if "vcan0" in names else [])

@@ -37,7 +37,7 @@ from codegen.emit.manifest import read_build
 from codegen.emit.misra_rules import ADVISORY
 from codegen.emit.objects import Layout
 from codegen.emit.write import write_folder
-from codegen.export.arxml.export import Access, Protection, export
+from codegen.export.arxml import Access, Protection, export
 from codegen.export.firmware import record
 from codegen.sil.compile import DEFAULT_FLAGS, compile_library
 from codegen.sil.software import load

@@ -17,14 +17,13 @@ from codegen.sil.software import Software, Status
 from hil_sim import bench, manoeuvres, session
 from hil_sim.bench import run, run_in_lock_step, run_in_process, run_in_real_time, run_through_can
 from hil_sim.bus import Bus, BusAddress
-from hil_sim.clocks import Clocks
 from hil_sim.codec import Codec, Frame, RearSteerCommand
 from hil_sim.e2e import protect
 from hil_sim.ecu_process import EcuThread
 from hil_sim.faults import Fault
 from hil_sim.metrics import column
 from hil_sim.plant_node import PlantNode, Received, SensorModel
-from hil_sim.scenarios import Scenario, find
+from hil_sim.scenarios import Clocks, Scenario, find
 from hil_sim.session import Setup, passive, run_hil
 
 

@@ -15,7 +15,7 @@ from codegen.sil.software import RECORD_COLUMNS, Software
 from hil_sim.bench import run
 from hil_sim.faults import Fault
 from hil_sim.logs import load_csv, save_csv, to_csv
-from hil_sim.metrics import Run, RunMetrics, evaluate, others, spin_time, steering_response, step_metrics
+from hil_sim.metrics import Run, RunMetrics, evaluate, rows, spin_time, steering_response, step_metrics
 from hil_sim.scenarios import SCENARIOS, find
 from tests import builds
 from tests.hil_sim.made import dwell_record, record
@@ -188,7 +188,7 @@ def test_corner() -> None:
 
 def test_path_of_a_circle() -> None:
     radius, rate = 50.0, 0.4
-    heading, _, offset = others.path(run_of("split-friction", record(4.0, speed_m_s=radius * rate, yaw_rate_rad_s=rate)))
+    heading, _, offset = rows.path(run_of("split-friction", record(4.0, speed_m_s=radius * rate, yaw_rate_rad_s=rate)))
     assert heading[-1] == pytest.approx(rate * 3.99)
     # Relative error of the trapezoidal rule over 10 ms: (0.4 * 0.01)^2 / 12.
     assert offset[-1] == pytest.approx(radius * (1.0 - math.cos(rate * 3.99)), rel=1e-5)

@@ -12,12 +12,11 @@ import pytest
 from codegen.sil.software import Software, Status
 from hil_sim import manoeuvres
 from hil_sim.bench import run_in_process, run_through_can
-from hil_sim.clocks import FREE_RUNNING
 from hil_sim.codec import DIAGNOSTICS, Codec, frame_of
 from hil_sim.faults import Fault
 from hil_sim.metrics import column
 from hil_sim.plant_node import PlantNode
-from hil_sim.scenarios import SCENARIOS, Scenario, find
+from hil_sim.scenarios import FREE_RUNNING, SCENARIOS, Scenario, find
 from hil_sim.settings import Settings
 from tests import builds
 

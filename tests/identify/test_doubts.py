@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from codegen.configuration import parse, preset, preset_text
-from codegen.identify import held as holding
-from codegen.identify.held import undetermined_curves
-from codegen.identify.identifiability import analyse
+from codegen.identify import identifiability as holding
+from codegen.identify.identifiability import analyse, undetermined_curves
 from codegen.identify.outcome import ERROR_FACTOR, doubts, model_error, with_model_error
 from codegen.identify.parameters import BY_NAME, CURVE_PARAMETERS
 from codegen.identify.reached import Reached, axle_forces, held_means, reached, slip_limit, tyres_of

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from codegen.errors import CodegenError
 from codegen.identify.conditioning import clipped, jumps, refuse_alternation
 from codegen.identify.cross_checks import cross_check
-from codegen.identify.findings import (
+from codegen.identify.drive import (
     CLOCK,
     CONTRADICTION,
     FROZEN,

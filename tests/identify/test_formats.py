@@ -92,7 +92,7 @@ def test_units_of_a_run_of_this_package_in_parquet(tmp_path: Path) -> None:
 
 
 def test_arxml_gives_the_same_as_the_dbc(tmp_path: Path) -> None:
-    from codegen.export.arxml.export import export
+    from codegen.export.arxml import export
 
     database = cantools.database.load_file(BUILD / "ars.dbc")
     with BusLog(tmp_path / "bus.blf") as log:

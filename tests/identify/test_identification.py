@@ -14,8 +14,7 @@ from codegen.errors import CodegenError
 from codegen.identify import run
 from codegen.identify.drive import Drive
 from codegen.identify.estimate import Fit
-from codegen.identify.held import undetermined_curves
-from codegen.identify.identifiability import Direction, Identifiability, analyse
+from codegen.identify.identifiability import Direction, Identifiability, analyse, undetermined_curves
 from codegen.identify.parameters import BY_NAME, CURVE_PARAMETERS, configured
 from codegen.identify.reached import reached
 from codegen.identify.result import grip_reached, identified_keys, identified_toml, understeer_gradient

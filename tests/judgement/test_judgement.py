@@ -21,8 +21,8 @@ from codegen.judgement.rows import dwell_rows, step_rows
 from codegen.map_file import judged
 from codegen.map_file import map as npz
 from codegen.map_file.map import ReferenceMap
-from codegen.report.html.blocks import Table, Text
-from codegen.report.html.judgement import headline, judgement_blocks, tiles
+from codegen.report.html.page import Table, Text
+from codegen.report.html.verdict import headline, judgement_blocks, tiles
 from tests import builds, shared
 
 from .test_steady import passive_map

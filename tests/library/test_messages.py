@@ -16,7 +16,7 @@ from codegen.cli.base import ARGUMENT, in_options
 from codegen.cli.commands import cli
 
 ROOT = Path(__file__).resolve().parents[2]
-COMMANDS_ONLY = ("codegen/cli", "codegen/doctor", "codegen/explore")
+COMMANDS_ONLY = ("codegen/cli", "codegen/doctor.py", "codegen/explore")
 """Packages that no public function uses."""
 OPTIONS = {name for command in cli.commands.values() for each in command.params for name in (*each.opts, *each.secondary_opts)}
 OPTION = re.compile(r"(?<![-\w])--?[a-z][-\w]*")

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from codegen.errors import CodegenError
-from codegen.export.arxml.export import export
+from codegen.export.arxml import export
 from codegen.logs.databases import Databases, load_database
 
 GENERATED = Path(__file__).resolve().parents[2] / "generated"

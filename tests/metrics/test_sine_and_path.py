@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from codegen.metrics import Runs
-from codegen.metrics.path import cone_clearances, paths
+from codegen.metrics.runs import cone_clearances, paths
 from codegen.metrics.sine import SineResponse
 
 TIME = np.arange(600, dtype=np.float64) * 0.01

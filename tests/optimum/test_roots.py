@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from codegen.optimum.nonlinear_arrays import shrink
+from codegen.optimum.nonlinear_car import shrink
 
 TOLERANCE = 1e-12
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from codegen.emit.parameters import Parameter
 from codegen.sil.software import Software
-from codegen.verify.parameter_sets import Number, fields, value_of
+from codegen.verify.unit_drives import Number, fields, value_of
 
 
 def differences(software: Software) -> Iterator[str]:

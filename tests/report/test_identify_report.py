@@ -13,9 +13,8 @@ from codegen import configuration
 from codegen.identify.reading import read_drives
 from codegen.identify.summary import significant, whiteness_rows
 from codegen.identify.validation import Whiteness
-from codegen.report.html.blocks import Table
 from codegen.report.html.identify import BAND_CARS, _curves, data_section
-from codegen.report.html.page import render
+from codegen.report.html.page import Table, render
 from tests.report.figures import unpacked
 
 DEVIATION = 0.02

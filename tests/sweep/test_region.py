@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from codegen.configuration import parse
-from codegen.report.html.blocks import Text
+from codegen.report.html.page import Text
 from codegen.report.html.robust import region_blocks
 from codegen.sil.batch import BatchSoftware
 from codegen.sweep import region as regions

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from codegen.emit import manual
 from codegen.map_file.map import from_arrays
 from codegen.optimum.solve import solve_case
-from codegen.verify import record
+from codegen.verify import manual, record
 from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict
 from codegen.verify.runner import CHECKS, VerificationReport
 from tests.verify import builds

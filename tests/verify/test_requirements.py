@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from codegen.emit import requirements
-from codegen.emit.requirements import REQUIREMENTS
+from codegen.verify import requirements
 from codegen.verify.outcomes import Verdict
+from codegen.verify.requirements import REQUIREMENTS
 from codegen.verify.runner import CHECKS
 from tests.verify import builds
 

@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
-from codegen.emit.manual import manual
 from codegen.errors import CodegenError
 from codegen.verify import bounded_loops, record, runner
+from codegen.verify.manual import manual
 from codegen.verify.outcomes import Effort, Subject, Verdict
 from codegen.verify.runner import CRASHED, LEFT_OUT, Registered, VerificationReport
 

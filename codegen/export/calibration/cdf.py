@@ -16,7 +16,7 @@ from codegen import __version__
 from codegen.emit.objects import CalibrationObject, Kind, Layout, Numbers, Values
 from codegen.errors import CodegenError
 from codegen.export.calibration.labels import READ_REMEDY, Label, begins_with, number_text
-from codegen.importing.xml_head import refuse_declarations
+from codegen.importing.source import refuse_declarations
 
 _BOOLEANS = {"true": "1", "false": "0"}
 _KINDS: dict[str, Kind] = {

@@ -11,8 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from codegen.configuration.signals import STATUSES
-from codegen.export.fmu.layers import BUFFER_BYTES, MIME_TYPE, text
-from codegen.export.fmu.variables import Variable, Version
+from codegen.export.fmu.variables import BUFFER_BYTES, MIME_TYPE, Variable, Version, text
 from codegen.units import in_order
 
 STATUS_TYPE = "Status"

@@ -27,10 +27,23 @@ from codegen.emit.text import Precision, comment_text
 from codegen.errors import BuildError, CodegenError
 from codegen.export.a2l import fill
 from codegen.export.elf import Elf
-from codegen.export.fmu import layers
 from codegen.export.fmu.description import Description, build_description, model_description
 from codegen.export.fmu.model_view import MODEL_TITLES, context, row, step_size, uses_unit
-from codegen.export.fmu.variables import WITH_BUS, Variable, Version, What, parameter_variables, variables_of
+from codegen.export.fmu.variables import (
+    BUS,
+    TERMINALS_PATH,
+    WITH_BUS,
+    XCP,
+    Variable,
+    Version,
+    What,
+    bus_manifest,
+    manifest_path,
+    parameter_variables,
+    terminals,
+    variables_of,
+    xcp_manifest,
+)
 from codegen.requirements import missing, pip_install
 from codegen.sil.compile import DEFAULT_FLAGS
 from codegen.sil.plant import plant_sources
@@ -236,8 +249,8 @@ def make_fmu(build: Path, what: What, version: Version) -> Fmu:
     if version == "3":
         content["sources/buildDescription.xml"] = build_description(about.identifier, about.sources)
     if what in WITH_BUS:
-        content[layers.TERMINALS_PATH] = layers.terminals()
-        content[layers.manifest_path(layers.BUS)] = layers.bus_manifest()
+        content[TERMINALS_PATH] = terminals()
+        content[manifest_path(BUS)] = bus_manifest()
     if what == "ecu" and sys.platform.startswith("linux"):
         content |= _memory_description(build, prefix, sources, path, flags, content[path])
     return Fmu(
@@ -259,10 +272,10 @@ def _memory_description(
     elf = Elf(name.name, compile_binary(sources, name.name, (*flags, "-g")), shared=True)
     if not elf.is_stripped_to(binary):
         raise BuildError("the binary depends on debug information", where=name.name, remedy="use another compiler")
-    folder = f"extra/{layers.XCP}"
+    folder = f"extra/{XCP}"
     text = fill(build, elf).text.encode("ascii")
     return {
-        layers.manifest_path(layers.XCP): layers.xcp_manifest(f"{prefix}.a2l"),
+        manifest_path(XCP): xcp_manifest(f"{prefix}.a2l"),
         f"{folder}/{name.parent.name}/{prefix}.a2l": text,
         "documentation/fmi-ls-xcp.txt": _XCP_GUIDE.encode(),
     }

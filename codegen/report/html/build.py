@@ -11,7 +11,7 @@ from codegen.emit.folder import VERIFICATION_FILES, read_manifest, verify_hashes
 from codegen.emit.limiter_view import cut_text
 from codegen.emit.manifest import read_build
 from codegen.judgement.build_warnings import is_current, read_record
-from codegen.report.html.blocks import Block, Table, Text
+from codegen.report.html.page import Block, Table, Text
 
 VERDICTS = {"passed": "good", "shown": "good", "failed": "bad"}
 SECTIONS = ("text", "rodata", "data", "bss")

@@ -24,7 +24,7 @@ from codegen.figures.data import (
 )
 from codegen.figures.maps import MAP_QUANTITIES, NamedMap, category_trace, unformatted
 from codegen.map_file.bounds import binding_text
-from codegen.report.html.blocks import Block, Cuts, Text
+from codegen.report.html.page import Block, Cuts, Text
 from codegen.units import KM_H
 
 

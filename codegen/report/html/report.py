@@ -49,15 +49,13 @@ from codegen.map_file.map import ReferenceMap
 from codegen.optimum.solve import solve_case
 from codegen.report.bus_tables import FAULT_HEADER, FaultEntry, fault_cells
 from codegen.report.html import maps
-from codegen.report.html.blocks import Block, Gallery, Section, Table, Text
 from codegen.report.html.build import manifest_blocks, verification_blocks
-from codegen.report.html.bus import bus_blocks
 from codegen.report.html.inputs import BusTimes
-from codegen.report.html.judgement import judgement_blocks
 from codegen.report.html.maps import loss_blocks
+from codegen.report.html.page import Block, Gallery, Section, Table, Text
 from codegen.report.html.robust import margins_chart, region_blocks
-from codegen.report.html.runs import handling_blocks, run_blocks
-from codegen.report.html.verdict import verdict_blocks
+from codegen.report.html.runs import bus_blocks, handling_blocks, run_blocks
+from codegen.report.html.verdict import judgement_blocks, verdict_blocks
 from codegen.report.map_difference import (
     CAR_HEADER,
     DIFFERENCE_HEADER,

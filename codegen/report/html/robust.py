@@ -19,7 +19,7 @@ from codegen.design.margins import (
 from codegen.emit.laws import LAWS, law_of
 from codegen.figures.data import INK, MUTED, SERIES_COLOURS, SPEED_TITLE, Chart, axis, layout, line, numbers, scale_of
 from codegen.figures.maps import colour_bar
-from codegen.report.html.blocks import Block, Gallery, Table, Text
+from codegen.report.html.page import Block, Gallery, Table, Text
 from codegen.sweep.region import MARGIN_SHARES, TURN_SHARE, Region
 from codegen.units import KM_H
 

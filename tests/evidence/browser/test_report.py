@@ -11,9 +11,8 @@ from PIL import Image
 
 from codegen.figures.data import Chart
 from codegen.map_file import map as npz
-from codegen.report.html.blocks import Section
 from codegen.report.html.gather import Request, gather, read
-from codegen.report.html.page import charts_of, render
+from codegen.report.html.page import Section, charts_of, render
 from codegen.report.html.report import sections
 from hil_sim.codec import Frame
 from hil_sim.logs import BusLog

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from codegen.doctor import State, buses
+from codegen import doctor
+from codegen.doctor import State
 from tests.docs.blocks import PAGES, blocks
 from tests.docs.page import run_page
 from tests.evidence.vcan.interfaces import set_interface
@@ -16,9 +17,9 @@ ON_VCAN = {page: found for page in PAGES if (found := [block for block in blocks
 
 @pytest.mark.parametrize("attempt", [1, 2])
 def test_an_interface_that_is_down_is_reported_and_up_for_the_next_test(vcan: str, attempt: int) -> None:
-    assert buses.socketcan().state is State.GOOD
+    assert doctor.socketcan().state is State.GOOD
     set_interface(vcan, up=False)
-    found = buses.socketcan()
+    found = doctor.socketcan()
     assert (found.state, found.what) == (State.MISSING, f"{vcan} is down")
 
 

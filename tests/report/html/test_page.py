@@ -17,9 +17,9 @@ from codegen.export import runs as exported
 from codegen.figures.data import Chart
 from codegen.report.bus_tables import FaultEntry
 from codegen.report.html import build, page, verdict
-from codegen.report.html.blocks import Section, Table, Text
 from codegen.report.html.gather import Request, _scenario_of, gather, read
 from codegen.report.html.inputs import named, read_files
+from codegen.report.html.page import Section, Table, Text
 from codegen.report.html.report import sections
 from codegen.sil.software import RECORD_COLUMNS
 from hil_sim.codec import Frame

@@ -20,10 +20,10 @@ from codegen.emit.can_view import DIAGNOSTIC_CAUSES
 from codegen.emit.controller_view import REFERENCE_OVERSHOOT
 from codegen.emit.laws import LAWS
 from codegen.emit.render import render
-from codegen.emit.requirements import ON_THE_CAR, REQUIREMENT_HEADER
 from codegen.emit.supervision import CAUSES, EXCEPTIONS, STATES, causes_of_bit, reaction_of, status_text
 from codegen.errors import one_line
 from codegen.units import DEGREE, KM_H
+from codegen.verify.requirements import ON_THE_CAR, REQUIREMENT_HEADER
 
 Figures = Mapping[str, Any]
 Formatted = TypeVar("Formatted")
