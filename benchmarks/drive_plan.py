@@ -31,7 +31,7 @@ from codegen.units import KM_H
 from hil_sim.bench import run_in_process
 from hil_sim.logs import BusLog
 from hil_sim.plant_node import PlantNode
-from hil_sim.scenarios import find
+from hil_sim.scenario_files import find
 from hil_sim.suite.background import Background
 from tests.identify.drives import configured_car, true_car
 

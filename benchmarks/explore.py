@@ -25,7 +25,7 @@ from codegen.explore.toml_file import Target
 from codegen.optimum.solve import solve_case
 from codegen.sil.closed_loop import ClosedLoop
 from codegen.sil.software import compile_build
-from hil_sim.scenarios import find
+from hil_sim.scenario_files import find
 
 MAP = Path(__file__).resolve().parents[1] / "generated" / "4ws2.npz"
 REPEATS, QUICK_REPEATS = 5, 2

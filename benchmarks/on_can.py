@@ -20,7 +20,7 @@ from codegen.emit.write import write_folder
 from codegen.errors import CodegenError
 from hil_sim.bench import BenchResult
 from hil_sim.bus import Bus, BusAddress
-from hil_sim.scenarios import find
+from hil_sim.scenario_files import find
 from hil_sim.session import EcuKind, Setup, run_hil
 
 ADDRESS = BusAddress("socketcan", "vcan0")

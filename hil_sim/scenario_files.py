@@ -43,6 +43,27 @@ from hil_sim.settings import SPEED_RANGE_KM_H, STEERING_WHEEL_ANGLE_RANGE_DEG, S
 RECORDING_BYTES_MAX, SCENARIO_BYTES_MAX = 64 * 2**20, 2**20
 
 
+def find(name: str, config: Config | None = None) -> Scenario:
+    """Return the built-in scenario called `name`, or the one in a file (.csv: a recording, .toml: a scenario file).
+
+    Args:
+        name: of a built-in scenario, or a path.
+        config: configuration with the messages that faults of a scenario file may name; None uses the default names.
+
+    Raises:
+        CodegenError: there is no such scenario (with the nearest name), or the first error in the file.
+    """
+    if name in BUILT_IN:
+        return BUILT_IN[name]
+    if Path(name).suffix.lower() in (".csv", ".toml") or "/" in name or "\\" in name:
+        return load(Path(name), config)
+    raise CodegenError(
+        f"there is no scenario {name!r}",
+        where="`scenario=`",
+        remedy=f"known: {', '.join(BUILT_IN)}, or a .csv or .toml file{suggestion(name, BUILT_IN)}",
+    )
+
+
 def load(path: Path, config: Config | None = None) -> Scenario:
     """Read a scenario file: .toml, else .csv.
 

@@ -8,14 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
 from codegen.arrays import FloatArray
 from codegen.configuration import Config
-from codegen.errors import CodegenError, suggestion
+from codegen.errors import CodegenError
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from hil_sim import manoeuvres
 from hil_sim.faults import Fault
@@ -404,27 +403,4 @@ def listing() -> tuple[Listed, ...]:
             tuple(f"{fault.kind} at {fault.start:g} s for {fault.duration:g} s" for fault in scenario.faults),
         )
         for scenario in BUILT_IN.values()
-    )
-
-
-def find(name: str, config: Config | None = None) -> Scenario:
-    """Return the built-in scenario called `name`, or the one in a file (.csv: a recording, .toml: a scenario file).
-
-    Args:
-        name: of a built-in scenario, or a path.
-        config: configuration with the messages that faults of a scenario file may name; None uses the default names.
-
-    Raises:
-        CodegenError: there is no such scenario (with the nearest name), or the first error in the file.
-    """
-    if name in BUILT_IN:
-        return BUILT_IN[name]
-    if Path(name).suffix.lower() in (".csv", ".toml") or "/" in name or "\\" in name:
-        from hil_sim import scenario_files
-
-        return scenario_files.load(Path(name), config)
-    raise CodegenError(
-        f"there is no scenario {name!r}",
-        where="`scenario=`",
-        remedy=f"known: {', '.join(BUILT_IN)}, or a .csv or .toml file{suggestion(name, BUILT_IN)}",
     )

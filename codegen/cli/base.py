@@ -16,6 +16,10 @@ from codegen.errors import CodegenError
 if TYPE_CHECKING:
     from codegen.library.result import Result
 
+PROGRAM, OTHER_NAME = "codegen", "ars-codegen"
+"""Both commands; messages and help name the first one."""
+COMPLETION = "_CODEGEN_COMPLETE"
+"""Environment variable of completion requests; click's convention."""
 PACKAGES = ("casadi", "numpy", "cffi", "python-can")
 """Packages whose version can change a result."""
 

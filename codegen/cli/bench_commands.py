@@ -139,7 +139,7 @@ class Choices(Outputs):
     def setup(self, config: Config, precision: Precision = "single", dbc: bytes | None = None) -> Setup:
         """Return the settings of a run for a car."""
         from hil_sim.bus import BusAddress
-        from hil_sim.scenarios import find
+        from hil_sim.scenario_files import find
         from hil_sim.session import Setup
 
         return Setup(

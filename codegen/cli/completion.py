@@ -21,7 +21,7 @@ from click.shell_completion import (
 )
 
 from codegen import console
-from codegen.cli.base import cli, example
+from codegen.cli.base import COMPLETION, OTHER_NAME, PROGRAM, cli, example
 from codegen.cli.options import PATH
 
 SHELLS = ("bash", "zsh", "fish")
@@ -68,8 +68,6 @@ class ForBothNames(ShellComplete):
 
     def source(self) -> str:
         """Return the scripts of both names; each calls the command under its own name."""
-        from codegen.cli.entry import OTHER_NAME
-
         other = type(self)(self.cli, {}, OTHER_NAME, self.complete_var)
         return super().source() + self.source_template % other.source_vars()
 
@@ -163,8 +161,6 @@ In the file that the shell reads at its start:
 def completion(context: click.Context, shell: str) -> None:
     """Print the completion script of a shell."""
     from click.shell_completion import get_completion_class
-
-    from codegen.cli.entry import COMPLETION, PROGRAM
 
     chosen = get_completion_class(shell)
     assert chosen is not None

@@ -15,14 +15,10 @@ import click
 
 from codegen import console
 from codegen.cli import EXIT_INTERRUPTED, INTERRUPTED, end_quietly
+from codegen.cli.base import COMPLETION, PROGRAM
 from codegen.cli.commands import cli
 from codegen.errors import CodegenError, one_line
 from codegen.interrupts import Handler, install_handlers, raise_once
-
-PROGRAM, OTHER_NAME = "codegen", "ars-codegen"
-"""Both commands; messages and help name the first one."""
-COMPLETION = "_CODEGEN_COMPLETE"
-"""Environment variable of completion requests; click's convention."""
 
 EXIT_BAD_INPUT = 2
 EXIT_INTERNAL = 70

@@ -32,7 +32,8 @@ from codegen.sil.software import Software, load
 from codegen.sil.toolchain import require_success
 from hil_sim.codec import Frame, frame_of
 from hil_sim.plant_node import PlantNode
-from hil_sim.scenarios import Scenario, find
+from hil_sim.scenario_files import find
+from hil_sim.scenarios import Scenario
 
 
 def record(software: Software, scenario: Scenario) -> tuple[list[tuple[Frame, ...]], list[Frame]]:

@@ -31,8 +31,8 @@ from hil_sim.metrics import Evaluation, coverage, evaluate, verdict
 from hil_sim.metrics.run import LookUp, column
 from hil_sim.metrics.run import Run as Recorded
 from hil_sim.metrics.verdict import Covers
-from hil_sim.scenario_files import with_settings
-from hil_sim.scenarios import DEFAULT_SCENARIO, Scenario, find
+from hil_sim.scenario_files import find, with_settings
+from hil_sim.scenarios import DEFAULT_SCENARIO, Scenario
 from hil_sim.settings import SPEED_RANGE_KM_H, STEERING_WHEEL_ANGLE_RANGE_DEG
 
 if TYPE_CHECKING:

@@ -50,7 +50,8 @@ from hil_sim.bench import run, run_through_can
 from hil_sim.fault_catalogue import run_all
 from hil_sim.logs import save_csv
 from hil_sim.metrics import Evaluation, evaluate, step_metrics
-from hil_sim.scenarios import DEFAULT_SCENARIO, find
+from hil_sim.scenario_files import find
+from hil_sim.scenarios import DEFAULT_SCENARIO
 
 PASSIVE = "passive car"
 

@@ -29,7 +29,8 @@ from codegen.sweep.lanes import Profile, cars, profile_of
 from codegen.sweep.measured import MeasuredCar
 from codegen.sweep.spec import PASSIVE, Spec
 from codegen.units import KM_H
-from hil_sim.scenarios import SCENARIOS, Scenario, find
+from hil_sim.scenario_files import find
+from hil_sim.scenarios import SCENARIOS, Scenario
 
 RUNS_PER_CHUNK_MAX = 512
 """Approximate runs in a chunk: enough to hide the interpreter's overhead, few enough to repeat after an interruption."""

@@ -24,7 +24,8 @@ from hil_sim.bench import run_through_can
 from hil_sim.faults import Fault
 from hil_sim.metrics.run import Figures, Run, column, spin_time
 from hil_sim.metrics.steering_response import FrequencyResponse, frequency_response
-from hil_sim.scenarios import FREE_RUNNING, Scenario, find
+from hil_sim.scenario_files import find
+from hil_sim.scenarios import FREE_RUNNING, Scenario
 from hil_sim.suite.cells import NOMINAL, Cell, Condition, up_to
 from hil_sim.suite.runs import CellResult, software_of
 from hil_sim.suite.subjects import Subject

@@ -110,7 +110,7 @@ def _steps() -> tuple[Scenario, Mapping[str, FloatArray]]:
     """Return the paper's step steer, driven with the committed builds, with the paper's PI on its FWS map, and without."""
     from codegen.sil.software import load
     from hil_sim.bench import run
-    from hil_sim.scenarios import find
+    from hil_sim.scenario_files import find
     from hil_sim.suite.subjects import of_config
 
     paper, recommended = load(BUILD), load(RECOMMENDED)

@@ -76,7 +76,7 @@ CHECK = """
 from codegen.importing.toml_edit import whole
 from codegen.sil.closed_loop import ClosedLoop
 from codegen.sil.software import RECORD_COLUMNS, compile_build
-from hil_sim.scenarios import find
+from hil_sim.scenario_files import find
 
 software = compile_build(folder.files, folder.manifest)
 assert software.selftest()

@@ -44,7 +44,7 @@ from codegen.sil.software import RECORD_COLUMNS, Measurement, compile_build
 from codegen.verify.emulated_batches import program_of
 from hil_sim.codec import Codec, VehicleConditions
 from hil_sim.plant_node import PlantNode
-from hil_sim.scenarios import find
+from hil_sim.scenario_files import find
 from tests.export.bus import Bus, Node, simulate
 from tests.export.fmus import Slave, unpacked
 

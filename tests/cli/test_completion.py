@@ -9,7 +9,7 @@ from click.shell_completion import get_completion_class
 
 from codegen import configuration
 from codegen.cli import cli, completion, options
-from codegen.cli.entry import COMPLETION, PROGRAM
+from codegen.cli.base import COMPLETION, PROGRAM
 from codegen.configuration import Preset
 from codegen.export import runs
 from codegen.sil.vector import ISAS

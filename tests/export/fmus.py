@@ -19,7 +19,7 @@ from codegen.export.fmu.export import Fmu, make_fmu
 from codegen.export.fmu.variables import Version, What
 from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop
 from codegen.sil.software import RECORD_COLUMNS, Software, load
-from hil_sim.scenarios import find
+from hil_sim.scenario_files import find
 from tests import frame_kinds, shared
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -45,7 +45,7 @@ from codegen.sil.toolchain import compiler_command
 from codegen.verify.static_analysis import judged_by_misra
 from hil_sim.codec import Frame
 from hil_sim.e2e import protect
-from hil_sim.scenarios import find
+from hil_sim.scenario_files import find
 from tests import builds, frame_kinds, shared
 from tests.cli.conftest import Answer, refused, run
 from tests.export import rte

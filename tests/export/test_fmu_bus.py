@@ -17,7 +17,7 @@ from fmpy.validation import validate_fmu
 from hil_sim.bench import run_in_process
 from hil_sim.codec import Codec, Frame
 from hil_sim.plant_node import PlantNode
-from hil_sim.scenarios import find
+from hil_sim.scenario_files import find
 from tests.export import fmus
 from tests.export.bus import (
     ARBITRATION,

@@ -23,7 +23,8 @@ from hil_sim.ecu_process import EcuThread
 from hil_sim.faults import Fault
 from hil_sim.metrics import column
 from hil_sim.plant_node import PlantNode, Received, SensorModel
-from hil_sim.scenarios import Clocks, Scenario, find
+from hil_sim.scenario_files import find
+from hil_sim.scenarios import Clocks, Scenario
 from hil_sim.session import Setup, passive, run_hil
 
 

@@ -20,7 +20,7 @@ from hil_sim.bus import Bus, BusAddress
 from hil_sim.codec import Codec, Frame, VehicleMotion, frame_of, is_configured
 from hil_sim.e2e import protect
 from hil_sim.plant_node import PlantNode
-from hil_sim.scenarios import find
+from hil_sim.scenario_files import find
 from tests import builds
 from tests.frame_kinds import FD, IDS, KINDS, built, folder
 from tests.sil.e2e_profiles import check_start_values

@@ -16,7 +16,8 @@ from hil_sim.bench import run
 from hil_sim.faults import Fault
 from hil_sim.logs import load_csv, save_csv, to_csv
 from hil_sim.metrics import Run, RunMetrics, evaluate, rows, spin_time, steering_response, step_metrics
-from hil_sim.scenarios import SCENARIOS, find
+from hil_sim.scenario_files import find
+from hil_sim.scenarios import SCENARIOS
 from tests import builds
 from tests.hil_sim.made import dwell_record, record
 

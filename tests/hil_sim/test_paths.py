@@ -10,7 +10,8 @@ from codegen.vehicle.single_track import SingleTrack
 from hil_sim import manoeuvres
 from hil_sim.bench import run, run_through_can
 from hil_sim.metrics import column, evaluate
-from hil_sim.scenarios import PATH_SCENARIOS, find
+from hil_sim.scenario_files import find
+from hil_sim.scenarios import PATH_SCENARIOS
 from hil_sim.session import passive
 from tests import builds
 

@@ -15,7 +15,8 @@ from hil_sim.codec import Codec, Frame, RearSteerCommand
 from hil_sim.faults import Fault
 from hil_sim.logs import BusLog, save_csv
 from hil_sim.plant_node import PlantNode
-from hil_sim.scenarios import Scenario, find
+from hil_sim.scenario_files import find
+from hil_sim.scenarios import Scenario
 from tests import builds
 
 CONFIG = builds.CONFIG

@@ -15,7 +15,8 @@ from codegen.vehicle.single_track import SingleTrack
 from hil_sim import manoeuvres
 from hil_sim.bench import run
 from hil_sim.metrics import evaluate
-from hil_sim.scenarios import SCENARIOS, find
+from hil_sim.scenario_files import find
+from hil_sim.scenarios import SCENARIOS
 from tests import builds
 
 CONFIG = builds.CONFIG

@@ -16,7 +16,8 @@ from hil_sim.codec import DIAGNOSTICS, Codec, frame_of
 from hil_sim.faults import Fault
 from hil_sim.metrics import column
 from hil_sim.plant_node import PlantNode
-from hil_sim.scenarios import FREE_RUNNING, SCENARIOS, Scenario, find
+from hil_sim.scenario_files import find
+from hil_sim.scenarios import FREE_RUNNING, SCENARIOS, Scenario
 from hil_sim.settings import Settings
 from tests import builds
 

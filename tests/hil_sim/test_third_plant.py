@@ -13,7 +13,7 @@ from codegen.sil.plant import Plant, PlantInput
 from hil_sim import third_plant
 from hil_sim.faults import Fault
 from hil_sim.metrics import column
-from hil_sim.scenarios import find
+from hil_sim.scenario_files import find
 from hil_sim.third_plant import AGED, SPEED_FACTOR, RememberingPlant, Sensors, rolling
 from tests import builds
 

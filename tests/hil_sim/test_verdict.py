@@ -9,7 +9,7 @@ import pytest
 from codegen.configuration import preset
 from codegen.sil.software import RECORD_COLUMNS, Status
 from hil_sim.metrics import Metric, Run, coverage, verdict
-from hil_sim.scenarios import find
+from hil_sim.scenario_files import find
 from tests import builds
 from tests.hil_sim.made import record
 

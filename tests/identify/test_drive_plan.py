@@ -31,7 +31,7 @@ from codegen.sil.software import RECORD_COLUMNS
 from codegen.units import DEGREE
 from codegen.vehicle.dynamics import two_track
 from hil_sim.bench import run
-from hil_sim.scenarios import find
+from hil_sim.scenario_files import find
 from tests import builds
 
 LIMIT, DURATION = 4.0, 60.0

@@ -7,7 +7,7 @@ import pytest
 
 from codegen.emit.folder import read_manifest
 from codegen.importing.toml_edit import whole
-from hil_sim.scenarios import find
+from hil_sim.scenario_files import find
 from tests.cli.conftest import Refused, Run
 from tests.identify.test_drive_plan import CAR
 

@@ -28,7 +28,7 @@ from codegen.optimum.solve import solve_case
 from codegen.report import map_difference, paper
 from codegen.sil.software import RECORD_COLUMNS
 from codegen.vehicle.tyre import AxleTyres
-from hil_sim.scenarios import find
+from hil_sim.scenario_files import find
 from tests.hil_sim.made import record
 from tests.report.figures import check_layout, line_of, names
 from tests.whole_car import car

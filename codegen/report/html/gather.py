@@ -28,8 +28,8 @@ from codegen.sil.software import load
 from codegen.sweep.region import Region, confirm, region
 from hil_sim.bench import run, run_through_can
 from hil_sim.fault_catalogue import run_all
-from hil_sim.scenario_files import of_run
-from hil_sim.scenarios import DEFAULT_SCENARIO, Scenario, find
+from hil_sim.scenario_files import find, of_run
+from hil_sim.scenarios import DEFAULT_SCENARIO, Scenario
 from hil_sim.suite.subjects import Build, Subject, around_folder, of_folder
 
 Steps = Callable[[int, int], None]

@@ -15,7 +15,8 @@ from hil_sim.codec import Codec, Frame
 from hil_sim.faults import Fault
 from hil_sim.metrics import column
 from hil_sim.plant_node import PlantNode
-from hil_sim.scenarios import Scenario, find
+from hil_sim.scenario_files import find
+from hil_sim.scenarios import Scenario
 from hil_sim.session import EcuKind, Setup, run_hil
 from tests import builds, frame_kinds
 from tests.evidence.vcan.conftest import FOLDER

@@ -36,7 +36,7 @@ from hil_sim.codec import Codec, Frame, RearSteerCommand
 from hil_sim.ecu_process import EcuProcess
 from hil_sim.metrics import column
 from hil_sim.plant_node import PlantNode
-from hil_sim.scenarios import find
+from hil_sim.scenario_files import find
 from hil_sim.session import Setup, run_plant
 from tests import builds, frame_kinds
 from tests.evidence.vcan.conftest import FOLDER

@@ -24,7 +24,7 @@ from codegen.report.html.report import sections
 from codegen.sil.software import RECORD_COLUMNS
 from hil_sim.codec import Frame
 from hil_sim.logs import BusLog
-from hil_sim.scenarios import find
+from hil_sim.scenario_files import find
 from tests.hil_sim.made import record as drive
 from tests.importing.conftest import in_this_process
 from tests.report.html.test_charts import record
