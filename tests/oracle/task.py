@@ -116,6 +116,7 @@ class SecondTask:
     _deviates: bool = False
     _released: bool = False
     _start_angle: Any = 0.0
+    _stuck_angle: Any = 0.0
     _offset: Any = 0.0
     _waited: int = 0
     _inputs: dict[int, _Input] = field(init=False)
@@ -218,13 +219,18 @@ class SecondTask:
             elif starts and leads and not self._is_stuck:
                 self._place(measured)
             elif not self._deviates:
-                self._samples_off = max(self._samples_off - 1, 0)
+                self._samples_off -= self._samples_off > 0 and (not self._is_stuck or self._has_come_free(real(measured)))
             elif self._is_stuck:
                 self._samples_off = most
             elif self._controller.runs:
-                self._samples_off += 1
+                self._samples_off, self._stuck_angle = self._samples_off + 1, real(measured)
             self._is_stuck = self._samples_off > (0 if self._is_stuck else most)
         return _BITS["ACTUATOR_STUCK"] if self._is_stuck else 0
+
+    def _has_come_free(self, measured: Any) -> bool:
+        """Return whether stuck wheels have moved or are near zero: those that the command is kept near show nothing else."""
+        most = self._controller.real(self.parameters.actuator_error_max)
+        return bool(abs(measured) <= most or abs(measured - self._stuck_angle) > most)
 
     def _near_wheels(self, command: Command, last: Any, measured: float) -> Command:
         """Return the command near wheels that it does not reach: no farther out than the law's, the last one and the wheels."""

@@ -3,6 +3,7 @@
 The frames come from Python's own codec and protection, which share no code with the C.
 """
 
+import functools
 import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -19,6 +20,7 @@ from hil_sim.codec import DIAGNOSTICS, Codec, Frame, RearSteerCommand, VehicleCo
 from hil_sim.e2e import E2eState, next_counter, protect
 from tests.builds import SPEED, Built
 from tests.oracle.task import SecondTask
+from tests.sil.checks_edges import numbers_in
 from tests.sil.checks_kinds import OPEN, model_of, parameters_of
 
 STARTS, CYCLES = 20, 140
@@ -242,6 +244,44 @@ def check_actuator_is_followed(built: Built) -> None:
         task.state.expected_angle = held
         samples(1)
         assert task.state.expected_angle == becomes, held
+
+
+def check_stuck_wheels_come_free(built: Built) -> None:
+    """Check that agreement with a command that is kept near stuck wheels does not clear the cause; moving wheels do, and
+    wheels near zero."""
+    drive = _Wheels(built)
+    state, most = drive.state, drive.parameters.actuator_samples_max
+    for side, moved, follows in ((1.0, TOLERANCE + CODE_RAD, True), (-1.0, TOLERANCE - CODE_RAD, False), (1.0, -HELD, True)):
+        drive.until(drive.is_enabled)
+        drive.until(lambda side=side: state.is_stuck, wheels=side * HELD)  # type: ignore[misc]
+        for angle, is_free in ((side * HELD, False), (side * (HELD + moved), follows)):
+            for _ in range(most + 1):
+                drive.put(angle)
+                drive.run(angle)
+            assert state.is_stuck != is_free
+        drive.until(lambda: not state.is_stuck)
+
+
+def check_damaged_state(built: Built) -> None:
+    """Check that damage of any number of the controller moves no wheel faster than control or the fail-safe does, with and
+    without a measured angle."""
+    drive = _Wheels(built)
+    drive.until(drive.is_enabled)
+    drive.put(HELD)
+    start = drive.run(HELD)
+    software, state = built.software, drive.state
+    before = bytes(software.ffi.buffer(state))
+    fastest = max(drive.parameters.limiter.rear_rate_max, drive.parameters.fail_safe_rate) * drive.period + CODE_RAD
+    numbers = [*numbers_in(software.ffi, software.ffi.addressof(state.controller))]
+    assert ("rear_angle",) in numbers
+    for path, number, lacks in itertools.product(numbers, (math.nan, math.inf, 3e38), ((), (1,))):
+        software.ffi.memmove(state, before, len(before))
+        (*structs, name) = path
+        setattr(functools.reduce(getattr, structs, state.controller), name, number)
+        angle = start
+        for _ in range(5):
+            last, angle = angle, drive.run(HELD, *lacks)
+            assert abs(angle - last) <= fastest, (path, number, lacks)
 
 
 def check_inhibit_for_good(built: Built) -> None:
@@ -516,18 +556,21 @@ def check_task(built: Built, known: list[Traffic]) -> None:
 def check_zeroed_task(built: Built) -> None:
     """Check that memory of any content starts with the default parameters, and that a lost inhibit holds the law."""
     software, function = built.software, built.software.function
-    task, filled, started = (software.new("task") for _ in range(3))
-    memory = software.ffi.buffer(filled)
-    memory[:] = b"\xa5" * len(memory)
+    task, filled, received, started = (software.new("task") for _ in range(4))
+    for each in (filled, received):
+        memory = software.ffi.buffer(each)
+        memory[:] = b"\xa5" * len(memory)
     data, other = software.ffi.new("uint8_t[8]"), software.ffi.new("uint8_t[8]")
     parameters = software.parameters()
     function("task_init")(started, parameters)
-    for each, sent in ((task, data), (started, other)):
-        function("task_10ms")(each, sent)
-    assert task.parameters != software.ffi.NULL and bytes(data) == bytes(other)
-    function("task_10ms")(filled, other)
-    assert bytes(data) == bytes(other)
-    assert {(each.cycles, each.early_cycles) for each in (task, filled, started)} == {(1, 1)}
+    assert not function("task_is_complete")(received)
+    function("task_on_can_frame")(received, 0, bytes(8), 8)
+    function("task_10ms")(task, data)
+    for each in (filled, received, started):
+        function("task_10ms")(each, other)
+        assert bytes(data) == bytes(other)
+    assert task.parameters != software.ffi.NULL
+    assert {(each.cycles, each.early_cycles) for each in (task, filled, received, started)} == {(1, 1)}
     for inhibit, window, inhibits in ((True, 0xFFFF, True), (False, 0xFFFF, False), (False, 0, True)):  # valid so far, and not
         task.supervision.has_command, task.has_measured = True, True
         task.conditions.inhibit, supervision = inhibit, task.conditions_input.supervision

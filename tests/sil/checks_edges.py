@@ -59,7 +59,7 @@ def check_init_sets_everything(built: Built) -> None:
     software.function("task_init")(task, parameters)
     zero = ("counter", "conditions_close", "has_measured", "samples_without_angle", "cycles", "late_cycles", "early_cycles")
     zero += ("lost_samples", "backlog", "disturbance", "actuator_samples", "inhibited_samples", "expected_angle")
-    zero += ("start_angle", "deviates", "released", "angle_offset", "waited_samples", "is_stuck")
+    zero += ("start_angle", "stuck_angle", "deviates", "released", "angle_offset", "waited_samples", "is_stuck")
     assert not any(getattr(task, field) for field in zero)
     assert not task.conditions.inhibit
     for signals, fields in (("motion", ("speed", "front_angle", "yaw_rate")), ("conditions", ("rear_angle", "friction"))):
@@ -111,7 +111,7 @@ def check_unsound_memory(built: Built) -> None:
     sound = software.controller(0.0, parameters_of(built, STILL))
     sound.run([good] * 3)
     before = bytes(ffi.buffer(sound.state))
-    numbers = [*_numbers(ffi, sound.state)]
+    numbers = [*numbers_in(ffi, sound.state)]
     spoiled = [(number, value) for number in numbers for value in (math.nan, math.inf, -math.inf, 1.004e6)]
     ffi.memmove(sound.state, before, len(before))
     # In single precision the other squares are below its resolution, so the sum is the bound itself.
@@ -133,13 +133,13 @@ REWRITTEN = (("yaw_rate_reference",), ("limiter", "speed"), ("limiter", "front_a
 """Numbers that each step writes before it reads them."""
 
 
-def _numbers(ffi: Any, struct: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+def numbers_in(ffi: Any, struct: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
     """Yield the paths of the numbers in a state, except those that each step recomputes."""
     for name, field in ffi.typeof(struct).fields if path else ffi.typeof(struct).item.fields:
         if field.type.cname in ("float", "double") and (*path, name) not in REWRITTEN:
             yield (*path, name)
         elif field.type.kind == "struct" and name != "sample":
-            yield from _numbers(ffi, getattr(struct, name), (*path, name))
+            yield from numbers_in(ffi, getattr(struct, name), (*path, name))
 
 
 def check_yaw_rate_error(built: Built) -> None:

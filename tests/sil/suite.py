@@ -222,6 +222,8 @@ UNITS: dict[str, Callable[[Kind], list[Judge]]] = {
             answers_task.check_zeroed_task,
             answers_task.check_silence,
             answers_task.check_inhibit_for_good,
+            answers_task.check_stuck_wheels_come_free,
+            answers_task.check_damaged_state,
             answers_task.check_actuator_is_followed,
             answers_task.check_command_stays_near_wheels,
             answers_task.check_start_of_the_return,

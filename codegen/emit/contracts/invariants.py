@@ -175,7 +175,10 @@ class Invariants(Conditions):
         for name in ("motion", "conditions"):
             yield f"{self.own('task_input_holds')}(&value->{name}_input)"
             frame = next(each for each in self.can.messages if each.role == f"vehicle_{name}")
-            yield from (claim.condition for claim in self.signals_in_range(frame, f"value->{name}."))
+            ranges = [claim.condition for claim in self.signals_in_range(frame, f"value->{name}.")]
+            yield from ranges
+            stuck = (each.replace("conditions.rear_angle", "stuck_angle") for each in ranges if "conditions.rear_angle" in each)
+            yield from stuck
         yield f"(value->counter <= {self.counter_max}u)"
         yield f"((value->backlog <= {TASK_COUNT_MAX}u) && (value->disturbance <= {TASK_COUNT_MAX}u))"
         yield f"(value->inhibited_samples <= {TASK_SAMPLES_MAX + 1}u)"

@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0x9E1BA05Au
+#define ARS_CAN_BUILD 0x76CDF87Cu
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

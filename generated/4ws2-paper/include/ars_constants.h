@@ -14,7 +14,7 @@
 extern "C" {
 #endif
 
-#define ARS_CONSTANTS_BUILD 0x9E1BA05Au
+#define ARS_CONSTANTS_BUILD 0x76CDF87Cu
 
 typedef struct {
     float lateral_acceleration_cap; /* m/s^2, largest steady lateral acceleration that the constraints allow */

@@ -22,16 +22,16 @@
 #include "ars_limiter.h"
 #include "ars_parameters.h"
 
-#if ARS_INPUTS_BUILD != 0x9E1BA05Au
+#if ARS_INPUTS_BUILD != 0x76CDF87Cu
 #error "ars_inputs.h and this source come from different builds"
 #endif
-#if ARS_LAW_BUILD != 0x9E1BA05Au
+#if ARS_LAW_BUILD != 0x76CDF87Cu
 #error "ars_law.h and this source come from different builds"
 #endif
-#if ARS_LIMITER_BUILD != 0x9E1BA05Au
+#if ARS_LIMITER_BUILD != 0x76CDF87Cu
 #error "ars_limiter.h and this source come from different builds"
 #endif
-#if ARS_PARAMETERS_BUILD != 0x9E1BA05Au
+#if ARS_PARAMETERS_BUILD != 0x76CDF87Cu
 #error "ars_parameters.h and this source come from different builds"
 #endif
 
@@ -39,7 +39,7 @@
 extern "C" {
 #endif
 
-#define ARS_CONTROLLER_BUILD 0x9E1BA05Au
+#define ARS_CONTROLLER_BUILD 0x76CDF87Cu
 
 /* Mark of a state that ars_controller_init() has initialised. Not zero, so that cleared memory does not look initialised. */
 #define ARS_CONTROLLER_INITIALISED 0x41525331u
@@ -102,7 +102,8 @@ ars_command_t ars_controller_stand_by(ars_controller_t *self, const ars_paramete
  * apply the safety limiter (ars_limiter.h).
  *
  * For a short time without a sample, the law continues with the last sample and the last yaw-rate error. A state that was never
- * initialised, or that contains NaN or infinity, is initialised from the measured rear angle and starts in the fail-safe.
+ * initialised, or that contains NaN or infinity, is initialised from the measured rear angle, without it from the last command, and
+ * starts in the fail-safe.
  *
  * self, parameters, measurement: must not be null.
  * parameters:  must be valid, see ars_parameters_valid().

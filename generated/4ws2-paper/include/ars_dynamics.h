@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0x9E1BA05Au
+#define ARS_DYNAMICS_BUILD 0x76CDF87Cu
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

@@ -26,7 +26,7 @@
 extern "C" {
 #endif
 
-#define ARS_E2E_BUILD 0x9E1BA05Au
+#define ARS_E2E_BUILD 0x76CDF87Cu
 
 /* Result of a check. The data are used only with OK, INITIAL and OK_SOME_LOST. */
 typedef enum {

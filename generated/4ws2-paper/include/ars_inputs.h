@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0x9E1BA05Au
+#define ARS_INPUTS_BUILD 0x76CDF87Cu
 
 /* Measurements of one sample. A value that is not available is NaN. */
 typedef struct {

@@ -17,10 +17,10 @@
 #include "ars_inputs.h"
 #include "ars_parameters.h"
 
-#if ARS_INPUTS_BUILD != 0x9E1BA05Au
+#if ARS_INPUTS_BUILD != 0x76CDF87Cu
 #error "ars_inputs.h and this source come from different builds"
 #endif
-#if ARS_PARAMETERS_BUILD != 0x9E1BA05Au
+#if ARS_PARAMETERS_BUILD != 0x76CDF87Cu
 #error "ars_parameters.h and this source come from different builds"
 #endif
 
@@ -28,7 +28,7 @@
 extern "C" {
 #endif
 
-#define ARS_LAW_BUILD 0x9E1BA05Au
+#define ARS_LAW_BUILD 0x76CDF87Cu
 
 /* Phase of the law in a sample. */
 typedef enum {

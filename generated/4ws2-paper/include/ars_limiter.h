@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x9E1BA05Au
+#define ARS_LIMITER_BUILD 0x76CDF87Cu
 
 enum { ARS_LIMITER_POINTS = 6 };
 

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x9E1BA05Au
+#define ARS_MAP_BUILD 0x76CDF87Cu
 
 /* Numbers of breakpoints. */
 enum {

@@ -15,10 +15,10 @@
 #include "ars_inputs.h"
 #include "ars_limiter.h"
 
-#if ARS_INPUTS_BUILD != 0x9E1BA05Au
+#if ARS_INPUTS_BUILD != 0x76CDF87Cu
 #error "ars_inputs.h and this source come from different builds"
 #endif
-#if ARS_LIMITER_BUILD != 0x9E1BA05Au
+#if ARS_LIMITER_BUILD != 0x76CDF87Cu
 #error "ars_limiter.h and this source come from different builds"
 #endif
 
@@ -26,7 +26,7 @@
 extern "C" {
 #endif
 
-#define ARS_PARAMETERS_BUILD 0x9E1BA05Au
+#define ARS_PARAMETERS_BUILD 0x76CDF87Cu
 
 /* Calibration parameters. Call ars_parameters_valid() after each change. */
 typedef struct {

@@ -27,7 +27,7 @@
 
 #include "ars_controller.h"
 
-#if ARS_CONTROLLER_BUILD != 0x9E1BA05Au
+#if ARS_CONTROLLER_BUILD != 0x76CDF87Cu
 #error "ars_controller.h and this source come from different builds"
 #endif
 
@@ -35,7 +35,7 @@
 extern "C" {
 #endif
 
-#define ARS_SUPERVISION_BUILD 0x9E1BA05Au
+#define ARS_SUPERVISION_BUILD 0x76CDF87Cu
 
 /* State of the supervision. */
 typedef enum {

@@ -18,13 +18,13 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONSTANTS_BUILD != 0x9E1BA05Au
+#if ARS_CONSTANTS_BUILD != 0x76CDF87Cu
 #error "ars_constants.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0x9E1BA05Au
+#if ARS_CONTROLLER_BUILD != 0x76CDF87Cu
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x9E1BA05Au
+#if ARS_MAP_BUILD != 0x76CDF87Cu
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -80,7 +80,7 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     }
 };
 
-ARS_SECTION_CALIBRATION const char ars_epk[9] = "9E1BA05A";
+ARS_SECTION_CALIBRATION const char ars_epk[9] = "76CDF87C";
 
 ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0xE459300Fu;
 

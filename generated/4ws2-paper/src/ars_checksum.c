@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0x9E1BA05Au
+#if ARS_CHECKSUM_BUILD != 0x76CDF87Cu
 #error "ars_checksum.h and this source come from different builds"
 #endif
 

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0x9E1BA05Au
+#if ARS_CONTROLLER_BUILD != 0x76CDF87Cu
 #error "ars_controller.h and this source come from different builds"
 #endif
 
@@ -205,14 +205,33 @@ ARS_SECTION_CODE static bool is_sound(const ars_controller_t *self)
     return (self->initialised == (uint32_t)ARS_CONTROLLER_INITIALISED) && (squares <= squares_max); /* false for NaN */
 }
 
+/* Return the angle from which unsound state restarts: the measured one; without it the last command, so that the wheels do not jump;
+ * without both zero. */
+ARS_SECTION_CODE static float restart_angle(
+    const ars_controller_t *self, const ars_parameters_t *parameters, float measured)
+{
+    const float plausible_max = parameters->inputs.rear_angle_max;
+    float result = 0.0f;
+
+    if ((measured >= -plausible_max) && (measured <= plausible_max)) { /* false for NaN */
+        result = measured;
+    } else if ((self->initialised == (uint32_t)ARS_CONTROLLER_INITIALISED) && (self->rear_angle >= -actuator_angle_max)
+               && (self->rear_angle <= actuator_angle_max)) {
+        result = self->rear_angle;
+    } else {
+        /* nothing is known */
+    }
+    return result;
+}
+
 ARS_SECTION_CODE ars_command_t ars_controller_step(
     ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
 {
     ars_law_phase_t phase;
     ars_command_t command;
 
-    if (!is_sound(self)) { /* restart from the measured rear angle; inputs are used only after enough good samples */
-        ars_controller_init(self, measurement->rear_angle);
+    if (!is_sound(self)) { /* inputs are used only after enough good samples */
+        ars_controller_init(self, restart_angle(self, parameters, measurement->rear_angle));
         ars_inputs_init(&self->inputs, false);
     }
     self->quality = ars_inputs_step(

@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0x9E1BA05Au
+#if ARS_DYNAMICS_BUILD != 0x76CDF87Cu
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

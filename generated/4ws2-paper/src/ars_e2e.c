@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_E2E_BUILD != 0x9E1BA05Au
+#if ARS_E2E_BUILD != 0x76CDF87Cu
 #error "ars_e2e.h and this source come from different builds"
 #endif
 

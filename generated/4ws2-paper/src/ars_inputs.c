@@ -11,7 +11,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_INPUTS_BUILD != 0x9E1BA05Au
+#if ARS_INPUTS_BUILD != 0x76CDF87Cu
 #error "ars_inputs.h and this source come from different builds"
 #endif
 

@@ -9,10 +9,10 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_LAW_BUILD != 0x9E1BA05Au
+#if ARS_LAW_BUILD != 0x76CDF87Cu
 #error "ars_law.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x9E1BA05Au
+#if ARS_MAP_BUILD != 0x76CDF87Cu
 #error "ars_map.h and this source come from different builds"
 #endif
 

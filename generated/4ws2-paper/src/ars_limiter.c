@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_LIMITER_BUILD != 0x9E1BA05Au
+#if ARS_LIMITER_BUILD != 0x76CDF87Cu
 #error "ars_limiter.h and this source come from different builds"
 #endif
 

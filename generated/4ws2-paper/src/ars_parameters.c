@@ -12,13 +12,13 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0x9E1BA05Au
+#if ARS_CHECKSUM_BUILD != 0x76CDF87Cu
 #error "ars_checksum.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x9E1BA05Au
+#if ARS_MAP_BUILD != 0x76CDF87Cu
 #error "ars_map.h and this source come from different builds"
 #endif
-#if ARS_PARAMETERS_BUILD != 0x9E1BA05Au
+#if ARS_PARAMETERS_BUILD != 0x76CDF87Cu
 #error "ars_parameters.h and this source come from different builds"
 #endif
 

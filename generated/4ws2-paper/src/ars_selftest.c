@@ -9,13 +9,13 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0x9E1BA05Au
+#if ARS_CONTROLLER_BUILD != 0x76CDF87Cu
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_E2E_BUILD != 0x9E1BA05Au
+#if ARS_E2E_BUILD != 0x76CDF87Cu
 #error "ars_e2e.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x9E1BA05Au
+#if ARS_MAP_BUILD != 0x76CDF87Cu
 #error "ars_map.h and this source come from different builds"
 #endif
 

@@ -16,7 +16,7 @@
 #include "ars_dynamics.h"
 #include "ars_map.h"
 
-#if ARS_TASK_BUILD != 0x9E1BA05Au
+#if ARS_TASK_BUILD != 0x76CDF87Cu
 #error "ars_task.h and this source come from different builds"
 #endif
 

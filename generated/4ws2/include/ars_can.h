@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0xC8C3D859u
+#define ARS_CAN_BUILD 0xC9A75925u
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

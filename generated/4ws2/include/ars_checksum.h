@@ -16,7 +16,7 @@
 extern "C" {
 #endif
 
-#define ARS_CHECKSUM_BUILD 0xC8C3D859u
+#define ARS_CHECKSUM_BUILD 0xC9A75925u
 
 /* Return crc, the checksum so far, continued with one number of 4 bytes. NaN and infinity enter with their bits. */
 uint32_t ars_checksum_real(uint32_t crc, float value);

@@ -14,7 +14,7 @@
 extern "C" {
 #endif
 
-#define ARS_CONSTANTS_BUILD 0xC8C3D859u
+#define ARS_CONSTANTS_BUILD 0xC9A75925u
 
 typedef struct {
     float lateral_acceleration_cap; /* m/s^2, largest steady lateral acceleration that the constraints allow */

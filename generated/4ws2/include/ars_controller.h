@@ -23,19 +23,19 @@
 #include "ars_limiter.h"
 #include "ars_parameters.h"
 
-#if ARS_GRIP_BUILD != 0xC8C3D859u
+#if ARS_GRIP_BUILD != 0xC9A75925u
 #error "ars_grip.h and this source come from different builds"
 #endif
-#if ARS_INPUTS_BUILD != 0xC8C3D859u
+#if ARS_INPUTS_BUILD != 0xC9A75925u
 #error "ars_inputs.h and this source come from different builds"
 #endif
-#if ARS_LAW_BUILD != 0xC8C3D859u
+#if ARS_LAW_BUILD != 0xC9A75925u
 #error "ars_law.h and this source come from different builds"
 #endif
-#if ARS_LIMITER_BUILD != 0xC8C3D859u
+#if ARS_LIMITER_BUILD != 0xC9A75925u
 #error "ars_limiter.h and this source come from different builds"
 #endif
-#if ARS_PARAMETERS_BUILD != 0xC8C3D859u
+#if ARS_PARAMETERS_BUILD != 0xC9A75925u
 #error "ars_parameters.h and this source come from different builds"
 #endif
 
@@ -43,7 +43,7 @@
 extern "C" {
 #endif
 
-#define ARS_CONTROLLER_BUILD 0xC8C3D859u
+#define ARS_CONTROLLER_BUILD 0xC9A75925u
 
 /* Mark of a state that ars_controller_init() has initialised. Not zero, so that cleared memory does not look initialised. */
 #define ARS_CONTROLLER_INITIALISED 0x41525331u
@@ -107,7 +107,8 @@ ars_command_t ars_controller_stand_by(ars_controller_t *self, const ars_paramete
  * apply the safety limiter (ars_limiter.h).
  *
  * For a short time without a sample, the law continues with the last sample and the last yaw-rate error. A state that was never
- * initialised, or that contains NaN or infinity, is initialised from the measured rear angle and starts in the fail-safe.
+ * initialised, or that contains NaN or infinity, is initialised from the measured rear angle, without it from the last command, and
+ * starts in the fail-safe.
  *
  * self, parameters, measurement: must not be null.
  * parameters:  must be valid, see ars_parameters_valid().

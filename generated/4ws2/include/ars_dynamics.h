@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0xC8C3D859u
+#define ARS_DYNAMICS_BUILD 0xC9A75925u
 
 /* State of the vehicle, or its time derivative in units per second. */
 typedef struct {

@@ -26,7 +26,7 @@
 extern "C" {
 #endif
 
-#define ARS_E2E_BUILD 0xC8C3D859u
+#define ARS_E2E_BUILD 0xC9A75925u
 
 /* Result of a check. The data are used only with OK, INITIAL and OK_SOME_LOST. */
 typedef enum {

@@ -14,7 +14,7 @@
 
 #include "ars_parameters.h"
 
-#if ARS_PARAMETERS_BUILD != 0xC8C3D859u
+#if ARS_PARAMETERS_BUILD != 0xC9A75925u
 #error "ars_parameters.h and this source come from different builds"
 #endif
 
@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_GRIP_BUILD 0xC8C3D859u
+#define ARS_GRIP_BUILD 0xC9A75925u
 
 /* State between two samples. Private: read it in a debugger, change it only through the functions below. */
 typedef struct {

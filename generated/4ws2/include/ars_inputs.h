@@ -26,7 +26,7 @@
 
 #include "ars_reference_model.h"
 
-#if ARS_REFERENCE_MODEL_BUILD != 0xC8C3D859u
+#if ARS_REFERENCE_MODEL_BUILD != 0xC9A75925u
 #error "ars_reference_model.h and this source come from different builds"
 #endif
 
@@ -34,7 +34,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0xC8C3D859u
+#define ARS_INPUTS_BUILD 0xC9A75925u
 
 /* Measurements of one sample. A value that is not available is NaN. */
 typedef struct {

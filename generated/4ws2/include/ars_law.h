@@ -18,13 +18,13 @@
 #include "ars_parameters.h"
 #include "ars_reference_model.h"
 
-#if ARS_INPUTS_BUILD != 0xC8C3D859u
+#if ARS_INPUTS_BUILD != 0xC9A75925u
 #error "ars_inputs.h and this source come from different builds"
 #endif
-#if ARS_PARAMETERS_BUILD != 0xC8C3D859u
+#if ARS_PARAMETERS_BUILD != 0xC9A75925u
 #error "ars_parameters.h and this source come from different builds"
 #endif
-#if ARS_REFERENCE_MODEL_BUILD != 0xC8C3D859u
+#if ARS_REFERENCE_MODEL_BUILD != 0xC9A75925u
 #error "ars_reference_model.h and this source come from different builds"
 #endif
 
@@ -32,7 +32,7 @@
 extern "C" {
 #endif
 
-#define ARS_LAW_BUILD 0xC8C3D859u
+#define ARS_LAW_BUILD 0xC9A75925u
 
 /* Phase of the law in a sample. */
 typedef enum {

@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0xC8C3D859u
+#define ARS_LIMITER_BUILD 0xC9A75925u
 
 enum { ARS_LIMITER_POINTS = 6 };
 

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0xC8C3D859u
+#define ARS_MAP_BUILD 0xC9A75925u
 
 /* Numbers of breakpoints. */
 enum {

@@ -15,10 +15,10 @@
 #include "ars_inputs.h"
 #include "ars_limiter.h"
 
-#if ARS_INPUTS_BUILD != 0xC8C3D859u
+#if ARS_INPUTS_BUILD != 0xC9A75925u
 #error "ars_inputs.h and this source come from different builds"
 #endif
-#if ARS_LIMITER_BUILD != 0xC8C3D859u
+#if ARS_LIMITER_BUILD != 0xC9A75925u
 #error "ars_limiter.h and this source come from different builds"
 #endif
 
@@ -26,7 +26,7 @@
 extern "C" {
 #endif
 
-#define ARS_PARAMETERS_BUILD 0xC8C3D859u
+#define ARS_PARAMETERS_BUILD 0xC9A75925u
 
 enum { ARS_SCHEDULE_POINTS = 8 };
 

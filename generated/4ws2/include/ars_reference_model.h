@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_REFERENCE_MODEL_BUILD 0xC8C3D859u
+#define ARS_REFERENCE_MODEL_BUILD 0xC9A75925u
 
 /* State of the model. Always finite: at most 0.349 rad of sideslip, 2.62 rad/s and 20 m/s^2. */
 typedef struct {

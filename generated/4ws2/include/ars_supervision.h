@@ -27,7 +27,7 @@
 
 #include "ars_controller.h"
 
-#if ARS_CONTROLLER_BUILD != 0xC8C3D859u
+#if ARS_CONTROLLER_BUILD != 0xC9A75925u
 #error "ars_controller.h and this source come from different builds"
 #endif
 
@@ -35,7 +35,7 @@
 extern "C" {
 #endif
 
-#define ARS_SUPERVISION_BUILD 0xC8C3D859u
+#define ARS_SUPERVISION_BUILD 0xC9A75925u
 
 /* State of the supervision. */
 typedef enum {

@@ -28,16 +28,16 @@
 #include "ars_e2e.h"
 #include "ars_supervision.h"
 
-#if ARS_CAN_BUILD != 0xC8C3D859u
+#if ARS_CAN_BUILD != 0xC9A75925u
 #error "ars_can.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0xC8C3D859u
+#if ARS_CONTROLLER_BUILD != 0xC9A75925u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_E2E_BUILD != 0xC8C3D859u
+#if ARS_E2E_BUILD != 0xC9A75925u
 #error "ars_e2e.h and this source come from different builds"
 #endif
-#if ARS_SUPERVISION_BUILD != 0xC8C3D859u
+#if ARS_SUPERVISION_BUILD != 0xC9A75925u
 #error "ars_supervision.h and this source come from different builds"
 #endif
 
@@ -45,7 +45,7 @@
 extern "C" {
 #endif
 
-#define ARS_TASK_BUILD 0xC8C3D859u
+#define ARS_TASK_BUILD 0xC9A75925u
 
 /* Bits of the signal "Diagnostics": events since the previous call. Both messages MISSING: the task
  * ran early, or the bus is silent. */
@@ -96,6 +96,7 @@ typedef struct {
     float measured_angle;                       /* rad, last measured and plausible rear angle */
     bool has_measured;                          /* the car measures the rear angle: a plausible one was received */
     float start_angle;                          /* rad, rear angle at which control began or ended */
+    float stuck_angle;                          /* rad, measured rear angle when the actuator began to count as stuck */
     float angle_offset;                         /* rad, measured minus expected angle when control ended, if they differed */
     bool deviates;                              /* the measured angle differs from the expected one */
     bool released;                              /* control ended in the last call */
@@ -110,8 +111,8 @@ typedef struct {
 } ars_task_t;
 
 /*
- * Initialise a task. Without this call, ars_task_10ms() initialises memory without the mark of ars_controller_init(), whatever
- * it contains, with ars_parameters_default.
+ * Initialise a task. Without this call, the first frame or call of ars_task_10ms() initialises memory without the mark of
+ * ars_controller_init(), whatever it contains, with ars_parameters_default.
  *
  * parameters: owned by the caller; must be valid, and stay so while the task runs.
  */

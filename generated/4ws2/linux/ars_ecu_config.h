@@ -14,7 +14,7 @@
 #include "ars_map.h"
 #include "ars_task.h"
 
-#define ARS_ECU_CONFIG_BUILD 0xC8C3D859u
+#define ARS_ECU_CONFIG_BUILD 0xC9A75925u
 
 #if ARS_CAN_BUILD != ARS_ECU_CONFIG_BUILD
 #error "ars_can.h and ars_ecu_config.h come from different builds"

@@ -18,13 +18,13 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONSTANTS_BUILD != 0xC8C3D859u
+#if ARS_CONSTANTS_BUILD != 0xC9A75925u
 #error "ars_constants.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0xC8C3D859u
+#if ARS_CONTROLLER_BUILD != 0xC9A75925u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0xC8C3D859u
+#if ARS_MAP_BUILD != 0xC9A75925u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -98,7 +98,7 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     }
 };
 
-ARS_SECTION_CALIBRATION const char ars_epk[9] = "C8C3D859";
+ARS_SECTION_CALIBRATION const char ars_epk[9] = "C9A75925";
 
 ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0x89C2B2C9u;
 

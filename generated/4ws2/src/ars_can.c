@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CAN_BUILD != 0xC8C3D859u
+#if ARS_CAN_BUILD != 0xC9A75925u
 #error "ars_can.h and this source come from different builds"
 #endif
 

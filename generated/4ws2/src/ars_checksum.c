@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0xC8C3D859u
+#if ARS_CHECKSUM_BUILD != 0xC9A75925u
 #error "ars_checksum.h and this source come from different builds"
 #endif
 

@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0xC8C3D859u
+#if ARS_DYNAMICS_BUILD != 0xC9A75925u
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_E2E_BUILD != 0xC8C3D859u
+#if ARS_E2E_BUILD != 0xC9A75925u
 #error "ars_e2e.h and this source come from different builds"
 #endif
 

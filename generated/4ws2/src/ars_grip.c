@@ -9,10 +9,10 @@
 #include "ars_constants.h"
 #include "ars_sections.h"
 
-#if ARS_CONSTANTS_BUILD != 0xC8C3D859u
+#if ARS_CONSTANTS_BUILD != 0xC9A75925u
 #error "ars_constants.h and this source come from different builds"
 #endif
-#if ARS_GRIP_BUILD != 0xC8C3D859u
+#if ARS_GRIP_BUILD != 0xC9A75925u
 #error "ars_grip.h and this source come from different builds"
 #endif
 

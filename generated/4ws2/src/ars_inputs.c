@@ -11,7 +11,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_INPUTS_BUILD != 0xC8C3D859u
+#if ARS_INPUTS_BUILD != 0xC9A75925u
 #error "ars_inputs.h and this source come from different builds"
 #endif
 

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_LIMITER_BUILD != 0xC8C3D859u
+#if ARS_LIMITER_BUILD != 0xC9A75925u
 #error "ars_limiter.h and this source come from different builds"
 #endif
 

@@ -13,13 +13,13 @@
 #include "ars_constants.h"
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0xC8C3D859u
+#if ARS_CHECKSUM_BUILD != 0xC9A75925u
 #error "ars_checksum.h and this source come from different builds"
 #endif
-#if ARS_CONSTANTS_BUILD != 0xC8C3D859u
+#if ARS_CONSTANTS_BUILD != 0xC9A75925u
 #error "ars_constants.h and this source come from different builds"
 #endif
-#if ARS_REFERENCE_MODEL_BUILD != 0xC8C3D859u
+#if ARS_REFERENCE_MODEL_BUILD != 0xC9A75925u
 #error "ars_reference_model.h and this source come from different builds"
 #endif
 

@@ -9,13 +9,13 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0xC8C3D859u
+#if ARS_CONTROLLER_BUILD != 0xC9A75925u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_E2E_BUILD != 0xC8C3D859u
+#if ARS_E2E_BUILD != 0xC9A75925u
 #error "ars_e2e.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0xC8C3D859u
+#if ARS_MAP_BUILD != 0xC9A75925u
 #error "ars_map.h and this source come from different builds"
 #endif
 

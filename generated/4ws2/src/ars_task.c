@@ -8,19 +8,19 @@
 
 #include "ars_sections.h"
 
-#if ARS_CAN_BUILD != 0xC8C3D859u
+#if ARS_CAN_BUILD != 0xC9A75925u
 #error "ars_can.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0xC8C3D859u
+#if ARS_CONTROLLER_BUILD != 0xC9A75925u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_E2E_BUILD != 0xC8C3D859u
+#if ARS_E2E_BUILD != 0xC9A75925u
 #error "ars_e2e.h and this source come from different builds"
 #endif
-#if ARS_SUPERVISION_BUILD != 0xC8C3D859u
+#if ARS_SUPERVISION_BUILD != 0xC9A75925u
 #error "ars_supervision.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0xC8C3D859u
+#if ARS_TASK_BUILD != 0xC9A75925u
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -195,6 +195,7 @@ ARS_SECTION_CODE void ars_task_init(ars_task_t *self, const ars_parameters_t *pa
     self->expected_angle = 0.0f;
     self->measured_angle = 0.0f;
     self->start_angle = 0.0f;
+    self->stuck_angle = 0.0f;
     self->angle_offset = 0.0f;
     self->has_measured = false;
     self->deviates = false;
@@ -210,8 +211,17 @@ ARS_SECTION_CODE void ars_task_init(ars_task_t *self, const ars_parameters_t *pa
     self->lost_samples = 0u;
 }
 
+/* Initialise memory that ars_task_init() has not initialised, whatever it contains. */
+ARS_SECTION_CODE static void start_memory(ars_task_t *self)
+{
+    if (self->controller.initialised != (uint32_t)ARS_CONTROLLER_INITIALISED) {
+        ars_task_init(self, &ars_parameters_default);
+    }
+}
+
 ARS_SECTION_CODE void ars_task_on_can_frame(ars_task_t *self, uint32_t id, const uint8_t *data, uint8_t length)
 {
+    start_memory(self);
     if (id == (uint32_t)ARS_CAN_ID_VEHICLE_MOTION) {
         if (input_receive(&self->motion_input, (uint16_t)ARS_CAN_DATA_ID_VEHICLE_MOTION, data, length)) {
             ars_can_unpack_vehicle_motion(data, &self->motion);
@@ -228,7 +238,7 @@ ARS_SECTION_CODE void ars_task_on_can_frame(ars_task_t *self, uint32_t id, const
 
 ARS_SECTION_CODE bool ars_task_is_complete(const ars_task_t *self)
 {
-    return self->conditions_close;
+    return (self->controller.initialised == (uint32_t)ARS_CONTROLLER_INITIALISED) && self->conditions_close;
 }
 
 /* Compare the rate of the calls with that of the frames. Single late calls are normal with independent clocks. The task is late if its
@@ -293,6 +303,16 @@ ARS_SECTION_CODE static bool is_outer(float angle, float other)
     return magnitude(angle) > magnitude(other);
 }
 
+/* Return whether the wheels of a stuck actuator have moved, or are near zero. The command is kept near stuck wheels, so that agreement
+ * alone shows nothing. Near zero it counts, since the command could not lead the wheels out of there. */
+ARS_SECTION_CODE static bool has_come_free(const ars_task_t *self)
+{
+    const float error_max = self->parameters->actuator_error_max;
+    const float angle = self->conditions.rear_angle;
+
+    return (magnitude(angle) <= error_max) || (magnitude(angle - self->stuck_angle) > error_max);
+}
+
 /* Check that the measured rear angle follows the previous commands with the lag of the actuator. The tolerance grows by twice the
  * remaining angle, which covers twice the nominal lag and two samples of delay. An angle that is not measured (NaN) counts as no
  * difference. The count rises only under control. A stuck actuator must follow for actuator_samples_max samples in a row, because a
@@ -333,17 +353,26 @@ ARS_SECTION_CODE static uint32_t check_actuator(ars_task_t *self, bool is_measur
         } else if (self->controller.enabled) {
             samples++;
             self->is_stuck = samples > parameters->actuator_samples_max;
+            self->stuck_angle = self->conditions.rear_angle;
         } else {
             /* without control */
         }
-    } else if (self->conditions_input.usable && (samples > 0u)) {
+    } else if (self->conditions_input.usable && (samples > 0u) && (!self->is_stuck || has_come_free(self))) {
         samples--;
         self->is_stuck = self->is_stuck && (samples > 0u);
     } else {
-        /* the actuator follows, or the angle is not received */
+        /* the actuator follows, has not moved since it stuck, or the angle is not received */
     }
     self->actuator_samples = (uint16_t)samples;
     return self->is_stuck ? (uint32_t)ARS_DIAGNOSTICS_ACTUATOR_STUCK : 0u;
+}
+
+/* Replace a last command that was damaged in memory by its copy in the limiter: the measured angle is compared with it. */
+ARS_SECTION_CODE static void keep_command_sound(ars_task_t *self)
+{
+    if (!(magnitude(self->controller.rear_angle) <= self->parameters->inputs.rear_angle_max)) { /* true for NaN */
+        ars_controller_place(&self->controller, self->controller.limiter.rear_angle);
+    }
 }
 
 /* Return whether the rear angle is unknown: until the start, and from the first new data after a silence in which the controller entered
@@ -603,9 +632,8 @@ ARS_SECTION_CODE uint32_t ars_task_10ms(ars_task_t *self, uint8_t data[8])
     bool is_waiting;
     bool was_valid;
 
-    if (self->controller.initialised != (uint32_t)ARS_CONTROLLER_INITIALISED) { /* not initialised by ars_task_init() */
-        ars_task_init(self, &ars_parameters_default);
-    }
+    start_memory(self);
+    keep_command_sound(self);
     is_waiting = lacks_angle(self);
     was_valid = self->conditions_input.supervision.state == ARS_E2E_STATE_VALID;
     diagnostics = check_rhythm(self);

@@ -19,10 +19,10 @@
 #include "ars_map.h"
 #include "ars_task.h"
 
-#if ARS_MAP_BUILD != 0xC8C3D859u
+#if ARS_MAP_BUILD != 0xC9A75925u
 #error "ars_map.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0xC8C3D859u
+#if ARS_TASK_BUILD != 0xC9A75925u
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -332,6 +332,7 @@ static inline bool ars_task_holds(const ars_task_t *value)
         && ((value->conditions.rear_angle != value->conditions.rear_angle) || lies_between(value->conditions.rear_angle, -1.6384f, 1.6384f))
         && ((value->conditions.friction != value->conditions.friction) || lies_between(value->conditions.friction, -0.01f, 2.55f))
         && ((value->conditions.lateral_acceleration != value->conditions.lateral_acceleration) || lies_between(value->conditions.lateral_acceleration, -32.768f, 32.768f))
+        && ((value->stuck_angle != value->stuck_angle) || lies_between(value->stuck_angle, -1.6384f, 1.6384f))
         && (value->counter <= 14u)
         && ((value->backlog <= 80u) && (value->disturbance <= 80u))
         && (value->inhibited_samples <= 60001u)

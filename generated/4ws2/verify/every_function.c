@@ -17,7 +17,7 @@
 #include "ars_dynamics.h"
 #include "ars_map.h"
 
-#if ARS_TASK_BUILD != 0xC8C3D859u
+#if ARS_TASK_BUILD != 0xC9A75925u
 #error "ars_task.h and this source come from different builds"
 #endif
 
