@@ -6,6 +6,7 @@ Each check takes a build of any kind and raises AssertionError if the build fail
 import functools
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -127,6 +128,20 @@ def check_unsound_memory(built: Built) -> None:
         fallen = sound.parameters.fail_safe_rate * config_of(built).controller.sampling_time_s
         assert abs(commands[0].rear_angle - (0.01 - fallen)) <= built.eps * 0.01, case
         assert commands[-1].status in (Status.TRACKING, Status.LIMITED), case
+    # Without a measured angle it starts from the last command, if that is one.
+    for name, value, measured, starts_at in (
+        ("yaw_rate_error", math.nan, math.nan, 0.01),
+        ("yaw_rate_error", math.nan, 10.0, 0.01),
+        ("yaw_rate_error", math.nan, -10.0, 0.01),
+        ("rear_angle", 1.004e6, math.nan, 0.0),
+        ("rear_angle", -1.004e6, math.nan, 0.0),
+        ("initialised", 0, math.nan, 0.0),
+    ):
+        ffi.memmove(sound.state, before, len(before))
+        sound.state.rear_angle = sound.state.limiter.rear_angle = 0.01
+        setattr(sound.state, name, value)
+        found = sound.step(replace(good, rear_angle=measured)).rear_angle
+        assert abs(found - max(starts_at - fallen, 0.0)) <= built.eps * 0.01, (name, value, measured)
 
 
 REWRITTEN = (("yaw_rate_reference",), ("limiter", "speed"), ("limiter", "front_angle"))
