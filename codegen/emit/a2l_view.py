@@ -430,3 +430,34 @@ class _Lists:
 def _conversion(unit: Unit) -> str:
     """Return the name of the COMPU_METHOD of a unit, without the prefix."""
     return f"in_{unit.identifier}"
+
+
+def symbols_of(table: MapView, prefix: str, real: str, epk: str) -> dict[str, dict[str, Any]]:
+    """Return type, shape, unit and section of each object by name. All are defined in `<prefix>_calibration.c`.
+
+    A table is stored row by row, with one row for each speed. `unit` is the unit of the physical value. Raw numbers have a
+    `scale` too, the physical value of a raw number 1.
+    """
+    found = {
+        f"{prefix}_parameters_default": _symbol(f"{prefix}_parameters_t"),
+        f"{prefix}_epk": _symbol("char", (len(epk) + 1,)),
+        f"{prefix}_calibration_expected_checksum": _symbol("uint32_t"),
+        **_map_symbols(table, table.tables, real, "calibration"),
+        f"{prefix}_constants": _symbol(f"{prefix}_constants_t", section="const"),
+    }
+    return found if table.grip is None else found | _map_symbols(table, (table.grip,), real, "const")
+
+
+def _map_symbols(of: MapView, tables: tuple[TableView, ...], real: str, section: str) -> dict[str, dict[str, Any]]:
+    axes, layers = (tables[0].speed, tables[0].front_angle), (len(of.layer_values),) if of.stacked else ()
+    shape = (*layers, *(axis.size for axis in axes))
+    return {axis.breakpoints: _symbol(real, (axis.size,), axis.unit, section) for axis in axes} | {
+        each.name: _symbol(real if each.kind == "real" else each.kind, shape, each.unit, section, each.scale) for each in tables
+    }
+
+
+def _symbol(
+    kind: str, shape: tuple[int, ...] = (), unit: Unit = NONE, section: str = "calibration", scale: float | None = None
+) -> dict[str, Any]:
+    factor = {} if scale is None else {"scale": scale}
+    return {"type": kind, "shape": list(shape), "unit": unit.symbol, "section": section, **factor}

@@ -6,8 +6,9 @@ import hashlib
 import importlib.metadata
 import math
 import shlex
+import zlib
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,12 +22,11 @@ from codegen.ecu_map.extend import RULE_TEXT, Rule, TotalMap, extend
 from codegen.ecu_map.lookup import Lookup, error_bound
 from codegen.ecu_map.placement import Placed, Request, choose
 from codegen.emit import supervision
-from codegen.emit.a2l_view import a2l, domain_text, manifest_objects
+from codegen.emit.a2l_view import a2l, domain_text, manifest_objects, symbols_of
 from codegen.emit.can_view import CanView, task_view
-from codegen.emit.checksum_view import ChecksumView, checksum_view
 from codegen.emit.constants import constants_of
 from codegen.emit.contracts.files import contract_files
-from codegen.emit.controller_view import ControllerView, known_values
+from codegen.emit.controller_view import ControllerView, known_values, parameters_by_path
 from codegen.emit.deviations import DEVIATIONS_FILE, deviations
 from codegen.emit.dynamics_view import DynamicsView, ReferenceModelView
 from codegen.emit.evidence import Evidence, grip_facts, margins_text, placement_facts, placement_text, request_facts
@@ -35,8 +35,8 @@ from codegen.emit.inputs_view import InputsView
 from codegen.emit.laws import law_of
 from codegen.emit.limiter_view import LimiterView, cut_text
 from codegen.emit.map_view import MapView
+from codegen.emit.parameters import Parameter
 from codegen.emit.render import render, verbatim
-from codegen.emit.symbols import symbols_of
 from codegen.emit.take_over import SBOM_FILE, sbom, take_over_files
 from codegen.emit.text import Precision, c_type, check_prefix, comment_text, literal, numpy_type
 from codegen.emit.xcp_view import xcp_view
@@ -133,6 +133,21 @@ class BuildView:
     def id(self) -> str:
         """The id as a C literal."""
         return f"0x{self.epk}u"
+
+
+@dataclass(frozen=True)
+class Checksum:
+    """Checksum of map, parameters and tyre curves.
+
+    Attributes:
+        value: CRC-32 as the C computes it.
+        steps: number of four-bit table look-ups in its computation.
+        parameters: fields of the parameter structs by their path, in its order.
+    """
+
+    value: int
+    steps: int
+    parameters: Mapping[str, Parameter]
 
 
 @dataclass(frozen=True)
@@ -314,7 +329,7 @@ def _code(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         "real": real,
         **{name: literal(value, options.precision) for name, value in NAMED_NUMBERS.items()},
     }
-    context["checksum"] = checksum_view(config, options.precision, table, context["model"])
+    context["checksum"] = _checksum(config, options.precision, table, context["model"])
     objects = manifest_objects(
         options.prefix, options.precision, context["controller"], context["inputs"], context["limiter"], table, context["can"]
     )
@@ -334,6 +349,23 @@ def _code(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
     parts = _Parts(reference_map, config, options, inputs, total, table, bound, placed)
     facts = {**_facts(parts, dynamics, context["checksum"], identity), **objects.to_dict()}
     return _Code(files, context, parts, facts)
+
+
+def _checksum(config: Config, precision: Precision, map_view: MapView, model: ReferenceModelView | None) -> Checksum:
+    parameters = parameters_by_path(config)
+    rest = b"".join(
+        each.value.to_bytes(2, "little") if isinstance(each.value, int) else _bytes(each.values, precision)
+        for each in parameters.values()
+    )
+    if model is not None:
+        rest += b"".join(_bytes([curve.compression, *curve.values], precision) for curve in model.curves.values())
+    return Checksum(zlib.crc32(rest, map_view.checksum), 2 * map_view.flash_bytes + 2 * len(rest), parameters)
+
+
+def _bytes(values: Iterable[float], precision: Precision) -> bytes:
+    """Return the bytes of numbers in the target's precision, least significant byte first."""
+    numbers = np.array(list(values), dtype=numpy_type(precision))
+    return numbers.astype(numbers.dtype.newbyteorder("<")).tobytes()
 
 
 def _placed(reference_map: ReferenceMap, config: Config, options: BuildOptions) -> Placed | None:
@@ -454,7 +486,7 @@ def _percent(share: float | None) -> str:
     return "" if share is None else f"{100.0 * share:.1f} %"
 
 
-def _facts(parts: _Parts, dynamics: DynamicsView, checksum: ChecksumView, identity: str) -> dict[str, Any]:
+def _facts(parts: _Parts, dynamics: DynamicsView, checksum: Checksum, identity: str) -> dict[str, Any]:
     config, options, inputs, total = parts.config, parts.options, parts.inputs, parts.total
     reference_map, table = parts.reference_map, parts.table
     return {

@@ -191,6 +191,7 @@ class TableView:
         quantity: its quantity; part of the names in C.
         numbers: as the C stores them, (layers, speeds, front angles).
         scale: value of a raw number 1; None for real numbers.
+        speed, front_angle: axes of its rows and columns.
     """
 
     quantity: str
@@ -198,6 +199,8 @@ class TableView:
     unit: Unit
     numbers: npt.NDArray[Any]
     scale: float | None
+    speed: AxisView
+    front_angle: AxisView
     prefix: str
 
     @property
@@ -247,15 +250,6 @@ class TableView:
 
 
 @dataclass(frozen=True)
-class GripView:
-    """Table of the share of the cap that grip allows, on axes of its own. Its numbers are constants, not calibration."""
-
-    speed: AxisView
-    front_angle: AxisView
-    share: TableView
-
-
-@dataclass(frozen=True)
 class MapView:
     """A total map with its lookup, and the tables that the configured law looks up.
 
@@ -302,27 +296,30 @@ class MapView:
             if total.scales is not None:
                 scale = getattr(total.scales, quantity)
                 numbers = np.stack([raw_of(getattr(layer, quantity), scale) for layer in total.stack])
-            found.append(self._table(quantity, function, unit, numbers, scale))
+            found.append(
+                TableView(quantity, function, unit, numbers, self._stored(scale), self.speed, self.front_angle, self.prefix)
+            )
         return tuple(found)
 
-    def _table(self, quantity: str, function: str, unit: Unit, numbers: npt.NDArray[Any], scale: float | None) -> TableView:
-        scale = None if scale is None else shortest(scale, self.precision)
-        return TableView(quantity, function, unit, numbers, scale, self.prefix)
+    def _stored(self, scale: float | None) -> float | None:
+        return None if scale is None else shortest(scale, self.precision)
 
     @functools.cached_property
-    def grip(self) -> GripView | None:
-        """The table of the share that grip allows; None if there is none."""
+    def grip(self) -> TableView | None:
+        """The table of the share of the cap that grip allows, on axes of its own; None if there is none.
+
+        Its numbers are constants, not calibration.
+        """
         total, lookup = self.total, self.lookup
         if total.grip is None or lookup.grip is None:
             return None
         scale, numbers = total.grip.scale, lookup.grip.shares
         if scale is not None:
             numbers = np.stack([raw_of(layer.grip.share, scale) for layer in total.stack if layer.grip is not None])
-        return GripView(
-            speed=AxisView(lookup.grip.speed_axis, "grip_speed", "speed", M_S, self.prefix),
-            front_angle=AxisView(lookup.grip.front_axis, "grip_front_angle", MAGNITUDE, RAD, self.prefix),
-            share=self._table("grip_share", "grip_share", NONE, numbers, scale),
-        )
+        speed = AxisView(lookup.grip.speed_axis, "grip_speed", "speed", M_S, self.prefix)
+        front_angle = AxisView(lookup.grip.front_axis, "grip_front_angle", MAGNITUDE, RAD, self.prefix)
+        name = "grip_share"
+        return TableView(name, name, NONE, numbers, self._stored(scale), speed, front_angle, self.prefix)
 
     @property
     def stack(self) -> StackView | None:
@@ -434,8 +431,8 @@ class MapView:
         found += [lookup.values] if lookup.values.size > 1 else []
         found += [lookup.speed_axis.table, lookup.front_axis.table]
         if self.grip:
-            share = self.grip.share
-            found += [share.numbers, *([] if share.scale is None else [np.array([share.scale], dtype=real)])]
+            scale = self.grip.scale
+            found += [self.grip.numbers, *([] if scale is None else [np.array([scale], dtype=real)])]
             found += [self.grip.speed.values, self.grip.front_angle.values]
         return found
 

@@ -28,6 +28,7 @@ FAULTS = [
     ("inputs", "0.25f * parameters->wheelbase", "1.25f * parameters->wheelbase", {"yaw_gain"}),
     ("inputs", "    float result = largest;", "    float result = 2.0f * largest;", {"bounded"}),
     ("controller", "result = value + step;", "result = -step;", {"toward_zero"}),
+    ("controller", "(measured >= -plausible_max)", "(measured > -plausible_max)", {"restart_angle"}),
     ("map", "if (steps >= 117.0f) {", "if (steps >= 118.0f) {", {"locate_speed"}),
     ("map", "if (friction <= 0.0f) {", "if (friction <= 0.1f) {", {"road_of"}),
     ("map", "(deviation >= -tolerance)", "(deviation > -10.0f)", {"are_even"}),

@@ -9,7 +9,7 @@ import pytest
 
 from codegen import limits
 from codegen.errors import CodegenError
-from codegen.logs import reader
+from codegen.logs import account
 from codegen.verify.outcomes import Effort, Verdict
 from tests.evidence.progress import Progress
 from tests.evidence.public import counts, files
@@ -113,7 +113,7 @@ def test_a_refusal_by_the_time_limit_is_a_fault(kind: str, tmp_path: Path, monke
     with can.Logger(path) as log:
         log(can.Message(timestamp=1.0, arbitration_id=0x100, is_extended_id=False, data=b"1", channel=1))
     monkeypatch.setattr(limits, "SECONDS", 0.05)
-    monkeypatch.setitem(reader.LOG_READERS, ".asc", endless)
+    monkeypatch.setitem(account.LOG_READERS, ".asc", endless)
     found = files.run((tmp_path,), Effort(), Progress())
     assert found.verdict is Verdict.FAILED
     assert any("its time is over, the machine may be too slow or too busy" in line for line in found.findings), found.findings

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from codegen.errors import CodegenError
-from codegen.logs.account import BusLog, findings, open_bus_log, to_dict
+from codegen.logs.account import BusLog, findings, open_bus_log, read_frames, to_dict
 from codegen.logs.databases import Identifiers
 from codegen.logs.formats import LOGS
-from codegen.logs.reader import read_frames
 from codegen.logs.senders import Fate
 
 KNOWN = Identifiers({(0x100, False): "Motion", (0x101, False): "Steering"})

@@ -10,9 +10,9 @@ import pytest
 
 from codegen.errors import CodegenError
 from codegen.limits import MIB, Limits
-from codegen.logs import mf4, reader
+from codegen.logs import account, mf4
+from codegen.logs.account import read_frames
 from codegen.logs.frames import Collector, Kind
-from codegen.logs.reader import read_frames
 
 
 @pytest.mark.parametrize("name", ["bus.asc", "bus.log"])
@@ -75,7 +75,7 @@ def test_logs_up_to_64_mib_have_the_limits_of_a_small_file(kind: str, tmp_path: 
         used.append(Limits.of(*arguments))
         raise CodegenError("known")
 
-    monkeypatch.setattr(reader, "Limits", SimpleNamespace(of=of))
+    monkeypatch.setattr(account, "Limits", SimpleNamespace(of=of))
     with pytest.raises(CodegenError, match="known"):
         read_frames(path)
     assert used == [Limits()]

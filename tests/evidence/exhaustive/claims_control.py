@@ -143,6 +143,18 @@ CONTROLLER_INIT = """
     SAME("the actuator's range, NaN as zero", self.rear_angle, expected);
     SAME("the limiter starts there too", self.limiter.rear_angle, expected);
 """
+RESTART_ANGLE = """
+    const bool is_plausible = size_of(bits) <= bits_of({{ largest }});
+    {{ p }}_controller_t commanded, beyond;
+    const {{ p }}_controller_t blank = { .rear_angle = 0.01f };
+
+    {{ p }}_controller_init(&commanded, 0.01f);
+    beyond = commanded;
+    beyond.rear_angle = 1.0f;
+    SAME("otherwise the last command", {{ function }}(&commanded, &restart_parameters, x), is_plausible ? x : 0.01f);
+    SAME("no command of the actuator", {{ function }}(&beyond, &restart_parameters, x), is_plausible ? x : 0.0f);
+    SAME("no command before the start", {{ function }}(&blank, &restart_parameters, x), is_plausible ? x : 0.0f);
+"""
 LIMITER_INIT = """
     {{ p }}_limiter_t self;
 
@@ -223,6 +235,11 @@ def claims(source: Source) -> Iterator[Claim]:
     text = "starts within the actuator's range; NaN becomes zero"
     for name in ("@_controller_init", "@_controller_place"):
         yield Claim("controller", name, text, CONTROLLER_INIT, edges(angle), values={"limit": angle})
+    largest = {parameter.name: number(parameter.value) for parameter in inputs_parameters(config)}["rear_angle_max"]
+    text = "a plausible measured angle; without it the last command if there is one, otherwise zero"
+    setup = "static const {{ p }}_parameters_t restart_parameters = { .inputs = { .rear_angle_max = {{ largest }} } };"
+    near = edges(largest)
+    yield Claim("controller", "restart_angle", text, RESTART_ANGLE, near, setup, values={"largest": largest})
     yield Claim("limiter", "@_limiter_init", "starts within a radian; anything else becomes zero", LIMITER_INIT, edges("1.0f"))
     # The bounds of a build may all be equal; these decrease with speed and test more.
     speeds = [speed * KM_H for speed in opposite_phase_speeds_km_h(config)]
