@@ -71,41 +71,43 @@ def damages(software: Software, samples: Sequence[Measurement]) -> Iterator[Dama
 class Damage:
     """Damage to the state of a controller that has driven `before`, and the outcomes of the samples `after`.
 
-    `numbers` are the paths of the state's real numbers, and `place` is the number of samples before.
+    `numbers` are the paths of the state's real numbers, `place` is the number of samples before, and `command` the last command
+    of those in rad.
     """
 
     def __init__(self, software: Software, before: Sequence[Measurement], after: Sequence[Measurement]) -> None:
-        self._software, self._parameters, self.place = software, software.parameters(), len(before)
+        self.software, self._parameters, self.place = software, software.parameters(), len(before)
         self._step, self._measured = software.function("controller_step"), software.new("measurement")
         controller = software.new("controller")
         software.function("controller_init")(controller, before[0].rear_angle)
-        self._commands(controller, before)
+        self.command = self.commands(controller, before)[-1][0]
         self._image = bytes(software.ffi.buffer(controller))
         paths = fields(software.ffi, controller[0], "primitive")
         self.numbers = [path for path in paths if isinstance(_member(controller[0], path.split(".")), float)]
         firsts = (after[0], before[-1], Measurement(math.nan, math.nan, math.nan))  # the next, a frozen and a missing one
-        self._after = [[first, *after[1:]] for first in firsts]
+        self.after = [[first, *after[1:]] for first in firsts]
 
     def outcomes(self, numbers: Iterable[str], path: str = "", content: float = 0.0) -> list[Any]:
         """Return the commands, and numbers of the state after the first step, with a content of one member.
 
         A number that stays NaN may enter the command much later.
         """
-        ffi, found = self._software.ffi, []
-        for first, *others in self._after:
-            state = self._software.new("controller")
+        ffi, found = self.software.ffi, []
+        for first, *others in self.after:
+            state = self.software.new("controller")
             ffi.memmove(state, self._image, len(self._image))
             if path:
                 *parents, last = path.split(".")
                 setattr(_member(state[0], parents), last, content)
-            command = self._commands(state, [first])
-            found.append((command, images(ffi, state[0], numbers), self._commands(state, others)))
+            command = self.commands(state, [first])
+            found.append((command, images(ffi, state[0], numbers), self.commands(state, others)))
         return found
 
-    def _commands(self, state: Any, samples: Sequence[Measurement]) -> list[tuple[float, float, int]]:
+    def commands(self, state: Any, samples: Sequence[Measurement]) -> list[tuple[float, float, int]]:
+        """Return rear angle, reference and status of the samples from a state."""
         commands = []
         for sample in samples:
-            self._software.fill(self._measured, sample)
+            self.software.fill(self._measured, sample)
             command = self._step(state, self._parameters, self._measured)
             commands.append((command.rear_angle, command.yaw_rate_reference, int(command.status)))
         return commands

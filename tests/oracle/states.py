@@ -6,7 +6,9 @@ large, and restart; or the number must make no difference, as the step writes it
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 from codegen.sil.software import Measurement, Software
 from codegen.verify.states import (
@@ -57,10 +59,24 @@ def soundness_findings(software: Software, samples: Sequence[Measurement]) -> It
 def _unseen(damage: Damage) -> Iterator[tuple[str, str]]:
     """Yield each member with a content that makes a difference, but no restart."""
     numbers = damage.numbers
-    going_on, restarted = damage.outcomes(numbers), damage.outcomes(numbers, MARK, 0)
+    going_on, commanded, blank = damage.outcomes(numbers), _restarts(damage, damage.command), _restarts(damage, 0.0)
     for path in numbers:
+        restarted = blank if path == "rear_angle" else commanded
         for number in UNSOUND:
             if damage.outcomes(numbers, path, number) not in (going_on, restarted):
                 yield path, f"{number:g}"
                 break
-    yield from ((MARK, f"0x{mark:X}") for mark in DAMAGED_MARKS if damage.outcomes(numbers, MARK, mark) != restarted)
+    yield from ((MARK, f"0x{mark:X}") for mark in DAMAGED_MARKS if damage.outcomes(numbers, MARK, mark) != blank)
+
+
+def _restarts(damage: Damage, command: float) -> list[Any]:
+    """Return the outcomes of a restart from the measured angle, or from the last command where it is not measured."""
+    software, found = damage.software, []
+    for first, *others in damage.after:
+        state = software.new("controller")
+        software.function("controller_init")(state, command if math.isnan(first.rear_angle) else first.rear_angle)
+        software.function("inputs_init")(software.ffi.addressof(state.inputs), False)
+        found.append(
+            (damage.commands(state, [first]), images(software.ffi, state[0], damage.numbers), damage.commands(state, others))
+        )
+    return found
