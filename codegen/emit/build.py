@@ -211,12 +211,13 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
     code = _code(reference_map, config, options, inputs)
     evidence = Evidence(reference_map, code.parts.total, config, numpy_type(options.precision))
     context, prefix = {**code.context, "readme": _readme_facts(code.parts, evidence)}, options.prefix
+    contracts, proofs = contract_files(context)
     files = {
         **code.files,
         f"{prefix}.dbc": render("dbc.j2", context),
         f"{prefix}.a2l": a2l(code.facts, config),
         **take_over_files(context),
-        **contract_files(context),
+        **contracts,
         "README.md": render("README.md.j2", context),
     }
     files[DEVIATIONS_FILE] = render("deviations.md.j2", {**context, "deviations": deviations(files)})
@@ -225,6 +226,7 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
     manifest = {
         **code.facts,
         **evidence.to_dict(),
+        "proofs": [each.model_dump(exclude_defaults=True) for each in proofs],
         **({} if judgement is None else {judged.KEY: judgement}),
     }
     return Folder(files=files, manifest=manifest)

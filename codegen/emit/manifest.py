@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from codegen import configuration
 from codegen.configuration import Kind
 from codegen.configuration.section import needed
+from codegen.emit.contracts.proof import Proof
 from codegen.emit.folder import MANIFEST, read_manifest
 from codegen.emit.objects import ManifestObjects
 from codegen.errors import BuildError
@@ -144,6 +145,7 @@ class _Manifest(_Read, ManifestObjects):
     files: dict[str, _File]
     configuration: dict[str, Any]
     symbols: dict[str, _Symbol] = Field(default_factory=dict)
+    proofs: list[Proof] = []
 
 
 def read_build(folder: Path) -> dict[str, Any]:

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import signal
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from codegen.emit.contracts.files import FOLDER
-from codegen.emit.contracts.files import command_of as proof_command
+from codegen.emit.contracts.proof import FOLDER, Proof
 from codegen.emit.render import render
 from codegen.errors import BuildError
 from codegen.sil.software import Software
@@ -26,16 +24,11 @@ from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict
 from codegen.verify.states import fields, initialised_states
 from codegen.verify.tools import stored
 
-Proof = Literal["proved", "failed", "open"]
+Judged = Literal["proved", "failed", "open"]
 TIME_LIMIT_S, QUICK_TIME_LIMIT_S = 300.0, 20.0
 """Time limit of each run of CBMC; the longest takes some 100 s on an idle machine with two cores."""
-HARNESSES = "verify/prove_*.c"
 END = "check_end.assertion.1"
 """The assertion at the end of each harness, which must fail: properties that are never reached would count as proved."""
-_OPEN = re.compile(r"^ \* Open: (.+)\.$", re.MULTILINE)
-_WORDS = r'(?: (?:[\w./:-]+|"\$\{TMPDIR:-/tmp\}/\w+\.goto"))+'
-_COMMAND = re.compile(rf" \* (?:goto-cc{_WORDS} && goto-instrument{_WORDS} >/dev/null && )?cbmc{_WORDS}", re.ASCII)
-"""The command in the head of a harness: plain words, so that the shell runs nothing else."""
 
 
 @dataclass(frozen=True)
@@ -43,45 +36,33 @@ class Result:
     """Result for one harness, with its run time, the number of properties that were checked, and what failed or is open."""
 
     harness: str
-    verdict: Proof
+    verdict: Judged
     seconds: float = 0.0
     properties: int = 0
     detail: str = ""
 
 
-def prove(
-    build: Path, cbmc: Cbmc, limit_s: float = TIME_LIMIT_S, wanted: Callable[[str], bool] = lambda _: True
-) -> list[Result]:
-    """Run the harnesses of a build in parallel, on all processors.
+def prove(build: Path, proofs: Iterable[Proof], cbmc: Cbmc, limit_s: float = TIME_LIMIT_S) -> list[Result]:
+    """Run the proofs in parallel, on all processors.
 
     Args:
         build: folder of the build.
-        limit_s: time limit of each harness.
-        wanted: choice of harnesses by name, such as "ars_limiter_step".
-
-    Raises:
-        BuildError: see `command_of`.
+        proofs: those of its manifest, or some of them.
+        limit_s: time limit of each proof.
     """
-    names = {path: path.stem.removeprefix("prove_") for path in sorted(build.glob(HARNESSES))}
-    harnesses = {path: name for path, name in names.items() if wanted(name)}
-
     # The longest commands have the most callees and take the longest time: they come first, so that none is left for the end.
-    order = sorted(harnesses, key=lambda path: -len(command_of(path)))
+    order = sorted(proofs, key=lambda proof: -len(proof.command()))
     with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as workers:
-        results = workers.map(lambda path: _Run(build, cbmc, limit_s).prove(path, harnesses[path]), order)
+        results = workers.map(_Run(build, cbmc, limit_s).prove, order)
         return sorted(results, key=lambda result: result.harness)
 
 
-def command_of(harness: Path) -> str:
-    """Return the command line that the head of a harness states.
-
-    Raises:
-        BuildError: there is none, or it could run anything but CBMC.
-    """
-    for line in harness.read_text(encoding="ascii", errors="replace").splitlines():
-        if _COMMAND.fullmatch(line):
-            return line.removeprefix(" * ")
-    raise BuildError("its head has no command of CBMC", where=harness, remedy="build again with `codegen build`")
+def proofs_of(subject: Subject) -> list[Proof]:
+    """Return the proofs of a build. Raises BuildError: an older version made it, whose manifest has none."""
+    found = [Proof.model_validate(each) for each in subject.manifest.get("proofs", ())]
+    if not found:
+        raise BuildError("its manifest has no proofs", where=subject.name, remedy="build again with `codegen build`")
+    return found
 
 
 @dataclass(frozen=True)
@@ -90,20 +71,19 @@ class _Run:
     cbmc: Cbmc
     limit_s: float
 
-    def prove(self, path: Path, name: str) -> Result:
-        """Prove one harness, then check that its end is reached. A harness whose head names it as open is not run."""
-        if named := _OPEN.search(path.read_text(encoding="ascii", errors="replace")):
-            return Result(name, "open", detail=named[1])
-        start, command = time.monotonic(), command_of(path)
-        messages = self._messages(f"{command} --json-ui")
+    def prove(self, proof: Proof) -> Result:
+        """Prove one harness, then check that its end is reached. An open one is not run."""
+        if proof.open:
+            return Result(proof.name, "open", detail=proof.open)
+        start = time.monotonic()
+        messages = self._messages(f"{proof.command()} --json-ui")
         properties = _results(messages)
         verdict, detail = _verdict(messages, properties)
         if verdict == "proved":
-            with_end = command.replace(" -Iinclude ", " -DCHECK_END -Iinclude ")
-            messages = self._messages(f"{with_end} --property {END} --json-ui")
+            messages = self._messages(f"{proof.command('-DCHECK_END')} --property {END} --json-ui")
             if not any((each["property"], each["status"]) == (END, "FAILURE") for each in _results(messages)):
                 verdict, detail = "open", "the end of the harness is not known to be reached"
-        return Result(name, verdict, time.monotonic() - start, len(properties), detail)
+        return Result(proof.name, verdict, time.monotonic() - start, len(properties), detail)
 
     def _messages(self, command: str) -> list[dict[str, Any]]:
         """Return the messages of CBMC; none if the time limit ended it. Its solver ends with it."""
@@ -137,7 +117,7 @@ def _results(messages: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
     return [result for message in messages for result in message.get("result", [])]
 
 
-def _verdict(messages: list[dict[str, Any]], properties: list[dict[str, Any]]) -> tuple[Proof, str]:
+def _verdict(messages: list[dict[str, Any]], properties: list[dict[str, Any]]) -> tuple[Judged, str]:
     """Accept only CBMC's own success: a run that ends in an error can list all properties as not failed."""
     if not messages:
         return "open", "time limit"
@@ -170,35 +150,34 @@ LIMITS = (
 )
 
 
-def initialisation_harnesses(software: Software, sources: Iterable[str]) -> dict[str, str]:
-    """Return a harness by path for each initialisation: two memories of any content become the same, member by member.
+def initialisation_harnesses(software: Software, sources: Iterable[str]) -> Iterator[tuple[Proof, bytes]]:
+    """Yield proof and harness of each initialisation: two memories of any content become the same, member by member.
 
     Args:
         sources: paths of the C files of the build; calls of other units are not replaced by their contracts.
     """
-    files = {}
     for state in initialised_states(software):
-        name = f"{software.prefix}_{state}_init_members"
-        given = {
-            "prefix": software.prefix,
-            "state": state,
-            "name": name,
-            "command": proof_command(name, sources, unwind=16),
-            "members": [*fields(software.ffi, software.new(state)[0])],
-        }
-        files[f"{FOLDER}/prove_{name}.c"] = render("verify/initialisation.c.j2", given).decode("ascii")
-    return files
+        proof = Proof(name=f"{software.prefix}_{state}_init_members", files=tuple(sources))
+        members = [*fields(software.ffi, software.new(state)[0])]
+        given = {"prefix": software.prefix, "state": state, "proof": proof, "members": members}
+        yield proof, render("verify/initialisation.c.j2", given)
 
 
 def check(subject: Subject, effort: Effort) -> Outcome:
-    """Prove the contracts of a build. Raises MissingTool: CBMC or its solver is not installed."""
+    """Prove the contracts of a build.
+
+    Raises:
+        MissingTool: CBMC or its solver is not installed.
+        BuildError: see `proofs_of`.
+    """
     if not subject.is_single:
         return Outcome(SHOWS, "", Verdict.NOT_RUN, ("the contracts are of single precision",), limits=LIMITS)
     cbmc = installed()
     files = subject.sources("include", "src", FOLDER)
     sources = [path for path in files if path.startswith("src/") and path.endswith(".c")]
-    with stored({**files, **initialisation_harnesses(software_of(subject), sources)}) as folder:
-        results = prove(folder, cbmc, QUICK_TIME_LIMIT_S if effort.quick else TIME_LIMIT_S)
+    more = dict(initialisation_harnesses(software_of(subject), sources))
+    with stored({**files, **{proof.path: harness for proof, harness in more.items()}}) as folder:
+        results = prove(folder, [*proofs_of(subject), *more], cbmc, QUICK_TIME_LIMIT_S if effort.quick else TIME_LIMIT_S)
     failed, open_ = ([each for each in results if each.verdict == verdict] for verdict in ("failed", "open"))
     proved = len(results) - len(failed) - len(open_)
     return Outcome(

@@ -18,7 +18,8 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from codegen.emit.contracts.files import FOLDER, frama_c_command
+from codegen.emit.contracts.files import frama_c_command
+from codegen.emit.contracts.proof import FOLDER
 from codegen.programs import run_program
 from codegen.verify.outcomes import Effort, Outcome, Subject, Verdict
 from codegen.verify.tools import MissingTool, stored

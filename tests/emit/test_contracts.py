@@ -1,6 +1,5 @@
 """Contracts of the generated C: they compile, belong to the build, and stay out of the ECU's software."""
 
-import re
 import subprocess
 from pathlib import Path
 
@@ -8,6 +7,7 @@ import pytest
 
 from codegen.configuration import Kind
 from codegen.configuration.e2e_profiles import ProfileName
+from codegen.emit.contracts.proof import Proof
 from codegen.emit.text import Precision
 from codegen.sil.toolchain import compiler_command
 from tests import builds
@@ -51,15 +51,13 @@ def test_the_lemma_of_the_crc_holds_for_each_polynomial(tmp_path: Path, profile:
 
 
 @pytest.mark.parametrize("kind", ["tracking", "pi"])
-def test_commands_name_files_of_the_build(kind: Kind) -> None:
-    files = rendered(kind).files
-    for path, content in files.items():
-        if path.startswith("verify/prove_"):
-            command = re.search(
-                rf"^ \* (cbmc|goto-cc) .*{re.escape(path)} .*--function {Path(path).stem} ", content.decode(), re.M
-            )
-            assert command, path
-            assert {word for word in command[0].split() if word.endswith(".c")} <= files.keys()
+def test_the_manifest_has_a_proof_of_files_of_the_build_for_each_harness(kind: Kind) -> None:
+    folder = rendered(kind)
+    proofs = [Proof.model_validate(each) for each in folder.manifest["proofs"]]
+    assert sorted(proof.path for proof in proofs) == sorted(path for path in folder.files if path.startswith("verify/prove_"))
+    for proof in proofs:
+        assert f"\n * {proof.command()}\n".encode() in folder.files[proof.path]
+        assert {*proof.files} <= folder.files.keys()
 
 
 def test_every_replaced_function_is_proved() -> None:

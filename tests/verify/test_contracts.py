@@ -7,12 +7,14 @@ import select
 from pathlib import Path
 
 import pytest
+from pydantic import ValidationError
 
-from codegen.errors import BuildError
+from codegen.emit.contracts.proof import Proof
 from codegen.verify import cbmc
 from codegen.verify.contracts import prove
 from codegen.verify.tools import MissingTool
 
+PROOF = Proof(name="x")
 SUCCESS = [{"result": [{"property": "p.1", "status": "SUCCESS", "description": "d"}]}, {"cProverStatus": "success"}]
 END = [{"result": [{"property": "check_end.assertion.1", "status": "FAILURE", "description": "the end is reached"}]}]
 UNREACHED = [{"result": [{"property": "check_end.assertion.1", "status": "SUCCESS", "description": "the end is reached"}]}]
@@ -25,7 +27,7 @@ FAILURE = [
 
 @pytest.fixture
 def stand_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return a build with one harness; `answer` and `end` beside it are what the model checker prints."""
+    """Return a build; `answer` and `end` beside it are what the model checker prints."""
     programs = tmp_path / "cache" / "cbmc" / "bin"
     programs.mkdir(parents=True)
     script = f'#!/bin/sh\ncase "$*" in *CHECK_END*) cat {tmp_path}/end;; *) cat {tmp_path}/answer; . {tmp_path}/more;; esac\n'
@@ -34,8 +36,6 @@ def stand_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (programs / name).chmod(0o755)
     (tmp_path / "more").write_text("")
     (tmp_path / "end").write_text(json.dumps(END))
-    (tmp_path / "verify").mkdir()
-    (tmp_path / "verify" / "prove_x.c").write_text("/*\n * cbmc verify/prove_x.c -Iinclude --function prove_x\n */\n")
     monkeypatch.setenv("ARS_CACHE", str(tmp_path / "cache"))
     return tmp_path
 
@@ -52,28 +52,26 @@ def stand_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_verdicts(stand_in: Path, answer: object, end: object, verdict: str, detail: str) -> None:
     (stand_in / "answer").write_text(json.dumps(answer))
     (stand_in / "end").write_text(json.dumps(end))
-    (result,) = prove(stand_in, cbmc.installed())
+    (result,) = prove(stand_in, [PROOF], cbmc.installed())
     assert result.verdict == verdict and detail in result.detail
 
 
 def test_a_contract_that_is_named_as_open_is_not_run(stand_in: Path) -> None:
-    harness = stand_in / "verify" / "prove_x.c"
-    harness.write_text(harness.read_text().replace("/*\n", "/*\n * Open: no lemma.\n", 1))
-    (result,) = prove(stand_in, cbmc.installed())
+    (result,) = prove(stand_in, [Proof(name="x", open="no lemma")], cbmc.installed())
     assert (result.verdict, result.detail) == ("open", "no lemma")
 
 
 def test_an_answer_that_is_cut_off_proves_nothing(stand_in: Path) -> None:
     (stand_in / "answer").write_text(json.dumps(SUCCESS)[:-1])
     (stand_in / "more").write_text("exit 6")
-    (result,) = prove(stand_in, cbmc.installed())
+    (result,) = prove(stand_in, [PROOF], cbmc.installed())
     assert (result.verdict, result.detail) == ("open", "CBMC ended early, with exit code 6")
 
 
 def test_the_time_limit_ends_the_solver_too(stand_in: Path) -> None:
     (stand_in / "answer").write_text("")
     (stand_in / "more").write_text(f"sleep 60 & echo $! > {stand_in}/child; wait")
-    (result,) = prove(stand_in, cbmc.installed(), limit_s=0.5)
+    (result,) = prove(stand_in, [PROOF], cbmc.installed(), limit_s=0.5)
     assert (result.verdict, result.detail) == ("open", "time limit")
     try:
         solver = os.pidfd_open(int((stand_in / "child").read_text()))
@@ -84,12 +82,11 @@ def test_the_time_limit_ends_the_solver_too(stand_in: Path) -> None:
     assert ended, "the solver goes on"
 
 
-@pytest.mark.parametrize("more", ["; touch x", " $(touch x)", " > x", " & touch x", " | sh"])
-def test_a_head_runs_nothing_but_the_model_checker(stand_in: Path, more: str) -> None:
-    harness = stand_in / "verify" / "prove_x.c"
-    harness.write_text(harness.read_text().replace("--function prove_x", f"--function prove_x{more}"))
-    with pytest.raises(BuildError, match="no command of CBMC"):
-        prove(stand_in, cbmc.installed())
+@pytest.mark.parametrize("word", ["x; touch x", "x $(touch x)", "x>x", "x&touch", "x|sh", "x\n", "--external-smt2-solver"])
+@pytest.mark.parametrize("entry", ["name", "files", "replaced"])
+def test_a_proof_runs_nothing_but_the_model_checker(entry: str, word: str) -> None:
+    with pytest.raises(ValidationError, match=f"(?s){entry}.*string_pattern_mismatch"):
+        Proof.model_validate({"name": "x", entry: word if entry == "name" else ["x", word]})
 
 
 def test_missing_programs_are_reported(stand_in: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal, Self
 
+from codegen.emit.contracts.proof import FOLDER, Proof
+
 Role = Literal["value", "in", "out", "new", "state", "parameter", "bytes in", "bytes out"]
 """Use of an argument.
 
@@ -120,6 +122,11 @@ class Lemma:
     before: tuple[str, ...] = ()
     unwind: int = 16
 
+    @property
+    def proof(self) -> Proof:
+        """Proof of the lemma."""
+        return Proof(name=self.name, files=tuple(f"src/{each}.c" for each in self.linked), unwind=self.unwind)
+
 
 @dataclass(frozen=True)
 class ProvedFunction:
@@ -137,7 +144,7 @@ class ProvedFunction:
         unwind: loop rounds, one more than the longest loop has.
         conversions: conversions from float to integer are checked; signed numbers that become unsigned would count as faults.
         only_claims: undefined behaviour is checked by another harness of the function.
-        options: options of the model checker beside the usual ones.
+        big_endian: the proof is for a big-endian target.
         open: reason why the contract is not proved; "" for one that is.
     """
 
@@ -160,13 +167,28 @@ class ProvedFunction:
     unwind: int = 16
     conversions: bool = True
     only_claims: bool = False
-    options: str = ""
+    big_endian: bool = False
     open: str = ""
 
     @property
     def name(self) -> str:
         """Name of the harness."""
         return self.function + self.part
+
+    @property
+    def proof(self) -> Proof:
+        """Proof of the function."""
+        units = (*self.linked, *(() if self.includes else (self.unit,)))
+        return Proof(
+            name=self.name,
+            files=(*(f"src/{each}.c" for each in units), *(f"{FOLDER}/assume_{each}.c" for each in self.callees)),
+            unwind=self.unwind,
+            undefined=not self.only_claims,
+            conversions=self.conversions and not self.only_claims,
+            big_endian=self.big_endian,
+            replaced=self.replaced,
+            open=self.open,
+        )
 
     @property
     def prototype(self) -> str:

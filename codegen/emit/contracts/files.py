@@ -18,14 +18,8 @@ from codegen.emit.contracts.control import ControlUnits
 from codegen.emit.contracts.frames import FrameUnits
 from codegen.emit.contracts.invariants import Invariants
 from codegen.emit.contracts.maps import MapUnits
+from codegen.emit.contracts.proof import FOLDER, Proof
 from codegen.emit.render import render
-
-FOLDER = "verify"
-CHECKS = "--bounds-check --pointer-check --div-by-zero-check --float-div-by-zero-check --signed-overflow-check"
-CONVERSIONS = "--conversion-check"
-SOLVER = "--undefined-shift-check --no-standard-checks --unwinding-assertions --slice-formula --bitwuzla"
-"""Without slicing, CBMC copies structs of floats whole, which its SMT encoding does not support."""
-
 
 FRAMA_C = "frama-c -machdep x86_32 -cpp-extra-args=-Iinclude"
 """Frama-C. A 32-bit x86 has the sizes of types of a Cortex-M."""
@@ -47,41 +41,8 @@ def frama_c_command(prefix: str, sources: Iterable[str], report: str) -> str:
     return f"{FRAMA_C} {FOLDER}/{EVERY_FUNCTION} {' '.join(sources)} {options} -then -report-csv {report}"
 
 
-def command_of(
-    name: str, files: Iterable[str], unwind: int, checks: Iterable[str] = (CHECKS, CONVERSIONS), replaced: Iterable[str] = ()
-) -> str:
-    """Return the command that proves a harness in the folder of the build."""
-    entry = f"prove_{name}"
-    given = f"{' '.join((f'{FOLDER}/{entry}.c', *files))} -Iinclude -I{FOLDER}"
-    before = ""
-    if replaced:
-        program = f'"${{TMPDIR:-/tmp}}/{entry}.goto"'
-        calls = " ".join(f"--replace-calls {name}:{name}_of_lemma" for name in replaced)
-        before = f"goto-cc -o {program} {given} && goto-instrument {calls} {program} {program} >/dev/null && "
-        given = program
-    return f"{before}cbmc {given} --function {entry} --unwind {unwind} {' '.join((*checks, SOLVER))}"
-
-
-def _files_of(unit: ProvedFunction) -> Iterator[str]:
-    """Yield the files of a proof beside its harness."""
-    yield from (f"src/{each}.c" for each in unit.linked)
-    if not unit.includes:
-        yield f"src/{unit.unit}.c"
-    yield from (f"{FOLDER}/assume_{each}.c" for each in unit.callees)
-
-
-def _checks_of(unit: ProvedFunction) -> Iterator[str]:
-    """Yield the options of a proof beside those of the solver."""
-    if unit.options:
-        yield unit.options
-    if not unit.only_claims:
-        yield CHECKS
-        if unit.conversions:
-            yield CONVERSIONS
-
-
-def contract_files(context: Mapping[str, Any]) -> dict[str, bytes]:
-    """Return content by path, for the template context of a build."""
+def contract_files(context: Mapping[str, Any]) -> tuple[dict[str, bytes], list[Proof]]:
+    """Return content by path, and the proofs in the files, for the template context of a build."""
     contracts = contracts_of(context)
     known = {**context, "contracts": contracts}
     prefix = context["build"].prefix
@@ -91,18 +52,16 @@ def contract_files(context: Mapping[str, Any]) -> dict[str, bytes]:
         f"{FOLDER}/{EVERY_FUNCTION}": render("contracts/every_function.c.j2", eva),
     }
     for lemma in contracts.lemmas:
-        command = command_of(lemma.name, [f"src/{each}.c" for each in lemma.linked], lemma.unwind)
-        files[f"{FOLDER}/prove_{lemma.name}.c"] = render("contracts/lemma.c.j2", {**known, "lemma": lemma, "command": command})
+        files[lemma.proof.path] = render("contracts/lemma.c.j2", {**known, "lemma": lemma})
     for unit in contracts.units:
-        command = command_of(unit.name, _files_of(unit), unit.unwind, _checks_of(unit), unit.replaced)
-        more = {"unit": unit, "command": command, "ensured": _ensured(unit, True)}
-        files[f"{FOLDER}/prove_{unit.name}.c"] = render("contracts/prove.c.j2", {**known, **more})
+        more = {"unit": unit, "ensured": _ensured(unit, True)}
+        files[unit.proof.path] = render("contracts/prove.c.j2", {**known, **more})
     for function in sorted({callee for unit in contracts.units for callee in unit.callees}):
         unit = contracts.of(function)
         files[f"{FOLDER}/assume_{function}.c"] = render(
             "contracts/assume.c.j2", {**known, "unit": unit, "ensured": _ensured(unit, False)}
         )
-    return files
+    return files, [*(each.proof for each in contracts.lemmas), *(each.proof for each in contracts.units)]
 
 
 def _ensured(unit: ProvedFunction, in_harness: bool) -> list[str]:

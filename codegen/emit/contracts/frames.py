@@ -155,7 +155,7 @@ class FrameUnits(Conditions):
             pack = ProvedFunction(self.own(f"can_pack_{frame.role}"), unit, arguments, conversions=False, **more)
             yield pack
             # Code that reads the bytes of a number is right for one byte order only. A program of goto-cc has that of the host.
-            yield replace(pack, part="_big_endian", options="--big-endian", stand_in="", replaced=())
+            yield replace(pack, part="_big_endian", big_endian=True, stand_in="", replaced=())
 
     def _packed(self, frame: Frame) -> Iterator[Claim]:
         """Yield for each signal that its code is in its bits of the frame, and that the receiver gets its value."""

@@ -99,9 +99,8 @@ def verdicts(subject: Subject, fault: Fault) -> dict[str, object]:
     report = run_checks(subject, Effort(quick=True), checks=others)
     missing = {name: one.findings[0] for name, one in report.outcomes.items() if one.verdict is Verdict.NOT_RUN}
     source = f"src/{subject.prefix}_{fault.unit}.c".encode()
+    proofs = [proof for proof in contracts.proofs_of(subject) if source in subject.files[proof.path]]
     with stored(subject.sources("include", "src", "verify")) as folder:
-        results = contracts.prove(
-            folder, installed(), CONTRACT_TIME_LIMIT_S, lambda name: source in subject.files[f"verify/prove_{name}.c"]
-        )
+        results = contracts.prove(folder, proofs, installed(), CONTRACT_TIME_LIMIT_S)
     failed = [*report.failed, *(["contracts"] if any(one.verdict == "failed" for one in results) else [])]
     return {"failed": sorted(failed), "not run": missing}

@@ -6,6 +6,7 @@ from tests.additions.copy import Copy
 from tests.additions.test_kind import BUILD, MAP, add_kind
 
 CHECK = """
+from codegen.emit.contracts.proof import Proof
 from codegen.verify import cbmc
 from codegen.verify.outcomes import Subject
 from codegen.verify.tools import stored
@@ -15,8 +16,9 @@ from tests.oracle.check import check
 found = check(Subject("share", folder.files, {"files": {}, **folder.manifest}))
 assert not found.findings, found.findings
 
+proofs = [Proof.model_validate(each) for each in folder.manifest["proofs"] if each["name"].startswith("ars_law_")]
 with stored(folder.files) as place:
-    results = prove(place, cbmc.installed(), wanted=lambda name: name.startswith("ars_law_"))
+    results = prove(place, proofs, cbmc.installed())
 assert [each.verdict for each in results] == ["proved", "proved"], results
 """
 
