@@ -7,9 +7,11 @@ import functools
 import glob
 import hashlib
 import os
+import shutil
 import stat
 import sys
 import tempfile
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +21,8 @@ from codegen.files import write_atomically
 WRITABLE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
 SEAL_DIGITS = 32
 """Hexadecimal digits of the SHA-256 in the name of a file."""
+REMOVALS_MAX = 1000
+"""Largest number of attempts to remove a temporary folder: a fraction of a second."""
 
 
 @dataclass(frozen=True)
@@ -117,6 +121,24 @@ def _temporary_folder() -> Path:
 @functools.cache
 def _folder_of_this_process() -> Path:
     return Path(tempfile.mkdtemp(prefix="ars-codegen-"))
+
+
+@contextlib.contextmanager
+def scratch(folder: Path) -> Iterator[Path]:
+    """Yield a temporary folder in the cache folder, in which a compiler works.
+
+    A signal may end this process while its compilers, which get it too, still write for a moment. So the folder is removed
+    until nothing comes back.
+    """
+    path = Path(tempfile.mkdtemp(prefix="build-", dir=folder))
+    try:
+        yield path
+    finally:
+        for _ in range(REMOVALS_MAX):
+            shutil.rmtree(path, ignore_errors=True)
+            if not path.exists():
+                break
+            os.sched_yield()
 
 
 # --- files in the cache --------------------------------------------------------------------------------------------------

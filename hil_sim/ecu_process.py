@@ -114,8 +114,8 @@ def _key(sources: dict[str, bytes], compiler: tuple[str, ...], flags: tuple[str,
 
 
 def _compile(sources: dict[str, bytes], program: str, compile_c: tuple[str, ...], folder: Path, name: str) -> cache.Entry:
-    with tempfile.TemporaryDirectory(prefix="build-", dir=folder) as scratch_name:
-        tree, made = Path(scratch_name, "tree"), Path(scratch_name, "ecu")
+    with cache.scratch(folder) as scratch:
+        tree, made = scratch / "tree", scratch / "ecu"
         for path, content in sources.items():
             (tree / path).parent.mkdir(parents=True, exist_ok=True)
             (tree / path).write_bytes(content)

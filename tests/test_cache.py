@@ -1,6 +1,7 @@
 """The cache: a folder that others could change is not used, and a file with other content or of another user is not found."""
 
 import os
+import shutil
 import stat
 from collections.abc import Callable
 from pathlib import Path
@@ -144,3 +145,24 @@ def test_a_folder_that_cannot_be_written_is_reported(folder: Path) -> None:
         BuildError, match=r"gone.*: cannot be written \(No such file or directory\); free space there, or set ARS_CACHE$"
     ):
         cache.keep(folder / "gone", NAME, CONTENT)
+
+
+# --- a temporary folder in it ---------------------------------------------------------------------------------------------
+
+
+def test_the_folder_of_a_compiler_goes_although_the_compiler_still_writes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    remove, late = shutil.rmtree, iter(["1.o", "2.o", "3.o"])
+
+    def removing(path: Path, *, ignore_errors: bool) -> None:
+        remove(path, ignore_errors=ignore_errors)
+        for name in late:
+            path.mkdir()
+            (path / name).touch()
+            break
+
+    monkeypatch.setattr("shutil.rmtree", removing)
+    with pytest.raises(SystemExit, match="143"), cache.scratch(tmp_path):
+        raise SystemExit(143)
+    assert not any(tmp_path.iterdir())

@@ -206,8 +206,7 @@ def _find_entry(job: _Job, folder: Path) -> _Entry | None:
 
 
 def _build(job: _Job, folder: Path) -> _Entry:
-    with tempfile.TemporaryDirectory(prefix="build-", dir=folder) as scratch_name:
-        scratch = Path(scratch_name)
+    with cache.scratch(folder) as scratch:
         tree = scratch / "tree"  # separate, so that no source collides with a file created here
         for path, content in job.sources.items():
             (tree / path).parent.mkdir(parents=True, exist_ok=True)
